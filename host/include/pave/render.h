@@ -1,0 +1,50 @@
+// The path tracer on one device: renders every channel of a view in one pass, straight into a frame's slot.
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+
+#include "pave/device.h"
+#include "pave/scene.h"
+
+namespace pave {
+
+struct RenderOptions {
+    int spp = 16;            // samples a pixel, 1..2^24
+    int max_depth = 50;      // edges of the longest path, as Mitsuba: 1 = emission seen, 2 = one scattering event, ...
+    int rr_depth = 5;        // Russian roulette from this depth on; >= max_depth switches it off
+    uint64_t seed = 0;
+    int64_t frame_index = 0; // part of the random numbers' key
+    // Schedule: none of these changes a single bit of the result.
+    int tile_rows = 0;       // rows a launch; 0 chooses
+    int work_group_size = 0; // local size; 0 chooses
+    // Forced paths, for tests: 0 chooses.
+    int lane_width = 0;      // 1, 4, 8, 16
+    std::function<bool(double done)> progress;  // called between launches with the fraction done; false cancels (RunError)
+};
+
+/// Scene data on one device and the programs specialised for it. One render at a time per renderer; distinct renderers are
+/// independent. render() blocks until the frame is complete.
+class Renderer {
+   public:
+    Renderer(const Device& device, const Scene& scene);
+    ~Renderer();
+    Renderer(Renderer&&) noexcept;
+    Renderer& operator=(Renderer&&) noexcept;
+
+    const Scene& scene() const;
+    const Device& device() const;
+
+    /// Fills every channel of `frame` that the path tracer knows (color, albedo, direct, normal, depth, distance, variance,
+    /// position, object; others are left alone) and its metadata. Frames of this device are written in place; other frames
+    /// get a copy. Throws UsageError for options out of range, DeviceError from OpenCL.
+    void render(const View& view, const RenderOptions& options, Frame& frame);
+
+   private:
+    class Impl;
+    std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace pave

@@ -1,0 +1,84 @@
+// The scene as data: shapes, materials, emitters and the camera, read from a Mitsuba 3 XML subset.
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "pave/frame.h"
+
+namespace pave {
+
+using Rgb = std::array<float, 3>;            // linear BT.709
+using Matrix4 = std::array<float, 16>;       // row-major
+
+/// A material. Fields that its type does not use keep their defaults.
+struct Bsdf {
+    enum class Type : int { kDiffuse, kConductor, kRoughConductor, kDielectric };
+    Type type = Type::kDiffuse;
+    std::string id;
+    bool two_sided = false;                  // inside a `twosided`; otherwise the back of diffuse and conductors is black
+    Rgb reflectance{0.5f, 0.5f, 0.5f};       // diffuse
+    Rgb eta{0, 0, 0}, k{1, 1, 1};            // conductors: complex index of refraction ("none": eta 0, k 1, a perfect mirror)
+    Rgb specular_reflectance{1, 1, 1}, specular_transmittance{1, 1, 1};
+    float alpha_u = 0.1f, alpha_v = 0.1f;    // roughconductor, GGX (Mitsuba's default distribution is beckmann: only ggx is taken)
+    float int_ior = 1.5046f, ext_ior = 1.000277f;  // dielectric
+};
+
+/// Triangles in object space; normals empty or one a vertex.
+struct Mesh {
+    std::vector<std::array<float, 3>> positions, normals;
+    std::vector<std::array<uint32_t, 3>> triangles;
+};
+
+/// One shape. rectangle: [-1,1]^2 at z=0, normal +z; cube: [-1,1]^3; sphere: unit at the origin; disk: unit, normal +z.
+struct Shape {
+    enum class Type : int { kRectangle, kCube, kSphere, kDisk, kMesh };
+    Type type = Type::kRectangle;
+    std::string id;
+    Matrix4 world_from_object{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
+    int bsdf = 0;                            // into Scene::bsdfs
+    bool flip_normals = false;
+    bool is_emitter = false;
+    Rgb radiance{0, 0, 0};                   // area emitter, from the side that the normal points to
+    Mesh mesh;                               // kMesh only, already transformed to world space; world_from_object is then identity
+};
+
+struct Scene {
+    std::string name;                        // file name without folder and extension
+    std::string hash;                        // XXH3-128 hex over the XML file and every mesh file, in order
+    std::vector<Bsdf> bsdfs;
+    std::vector<Shape> shapes;
+    bool has_environment = false;
+    Rgb environment{0, 0, 0};                // constant emitter's radiance
+    struct PointLight { std::array<float, 3> position{}; Rgb intensity{}; };
+    std::vector<PointLight> point_lights;
+
+    View view;                               // the file's sensor
+    int width = 256, height = 256;           // film
+    int spp = 16;                            // sampler's sample_count
+    int max_depth = 50;                      // path integrator: edges of the longest path; -1 in a file means 2^31-1
+    int rr_depth = 5;                        // roulette starts at this depth
+    std::vector<std::string> warnings;       // what --ignore-unsupported left out, each with file and line
+
+    std::array<float, 3> bounds_min{}, bounds_max{};  // of all shapes
+};
+
+struct LoadOptions {
+    bool ignore_unsupported = false;         // unsupported nodes become warnings instead of errors
+    std::map<std::string, std::string> defines;  // values of <default> names, as Mitsuba's -D
+};
+
+/// Reads a scene. A bare name ("cornell") is looked up in PAVE's own scenes folder (PAVE_SCENE_DIR overrides), anything with
+/// a slash or ".xml" is a path. Throws InputError as "file:line: node: reason".
+Scene load_scene(const std::string& path_or_name, const LoadOptions& options = {});
+
+/// `count` views on the hemisphere around `scene`'s centre on the side of its camera, all looking at the centre, as in the
+/// papers. Deterministic in `seed`; view i does not depend on `count`... of views after it. See views.cpp for the distribution.
+std::vector<View> hemisphere_views(const Scene& scene, int count, uint64_t seed);
+
+}  // namespace pave

@@ -1,0 +1,1 @@
+kernel void placeholder(global int* out) { out[0] = 1; }

@@ -1,0 +1,31 @@
+// Reading frames back, whatever the sink was: one interface for every URI.
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "pave/frame.h"
+
+namespace pave {
+
+/// Frames of "mem:NAME", "bp:PATH" or "exr:DIR". File sources check every byte against the manifest before a library parses it.
+class Source {
+   public:
+    /// Throws UsageError for a bad URI, InputError for broken or unfinished data (unless `allow_unfinished`).
+    static std::unique_ptr<Source> open(const std::string& uri, bool allow_unfinished = false);
+    virtual ~Source() = default;
+
+    virtual const FrameSchema& schema() const = 0;
+    virtual int64_t frame_count() const = 0;
+    virtual bool finished() const = 0;  // the writer closed it
+    /// Metadata alone, without reading pixels.
+    virtual FrameMetadata metadata(int64_t position) const = 0;
+    /// Frame `position` in 0..frame_count()-1. mem: shares the slot itself; files: read into memory of `allocator`.
+    /// Throws InputError naming the file if a checksum does not match. One thread at a time per source.
+    virtual Frame read(int64_t position, ArenaAllocator& allocator = host_memory()) = 0;
+    /// XXH3-128 hex over all frames' pixels and metadata but the time spent: equal for equal data sets in any sink.
+    virtual std::string content_hash() const = 0;
+};
+
+}  // namespace pave
