@@ -1,0 +1,169 @@
+"""Renders a list of views into a stage: the next frame is rendered while the last one is saved.
+
+SPDX-License-Identifier: BSD-3-Clause
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pave.errors import InputError, UsageError
+
+if TYPE_CHECKING:
+    import pave
+
+CHANNELS = ("color", "albedo", "direct", "normal", "depth", "variance")
+CHEAP_CHANNELS = ("albedo", "direct", "normal", "depth")
+
+
+@dataclass
+class RenderSettings:
+    """How every view is rendered; None takes the scene file's own value.
+
+    `seed` keys the random numbers together with the frame's number, so that a frame has the same bits however the data
+    set was made, in one go or resumed.
+    """
+
+    width: int | None = None
+    height: int | None = None
+    spp: int | None = None
+    max_depth: int | None = None
+    rr_depth: int | None = None
+    seed: int = 0
+    channels: Sequence[str] = field(default_factory=lambda: list(CHANNELS))
+
+    def resolved(self, scene: pave.Scene) -> RenderSettings:
+        """The same settings with the scene's values where none was given."""
+
+        def either(value: int | None, default: int) -> int:
+            return default if value is None else value
+
+        return RenderSettings(
+            width=either(self.width, scene.width),
+            height=either(self.height, scene.height),
+            spp=either(self.spp, scene.spp),
+            max_depth=either(self.max_depth, scene.max_depth),
+            rr_depth=either(self.rr_depth, scene.rr_depth),
+            seed=self.seed,
+            channels=list(self.channels),
+        )
+
+
+def read_views(path: str | Path) -> list[pave.View]:
+    """Views from a JSON list of {"eye": [x,y,z], "target": [x,y,z], "up": [x,y,z], "fov": degrees}.
+
+    `up` defaults to +Y and `fov` to 40. Raises InputError naming the file and the view.
+    """
+    import pave
+
+    path = Path(path)
+    try:
+        records = json.loads(path.read_text())
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+    except ValueError as error:
+        raise InputError(f"{path}: not JSON: {error}") from error
+    if not isinstance(records, list) or not records:
+        raise InputError(f"{path}: a views file is a list with at least one view")
+    views = []
+    for number, record in enumerate(records):
+        try:
+            unknown = set(record) - {"eye", "target", "up", "fov"}
+            if unknown:
+                raise ValueError(f"unknown key '{sorted(unknown)[0]}'")
+            views.append(
+                pave.look_at(
+                    [float(x) for x in record["eye"]],
+                    [float(x) for x in record["target"]],
+                    up=[float(x) for x in record.get("up", (0.0, 1.0, 0.0))],
+                    fov=float(record.get("fov", 40.0)),
+                )
+            )
+        except KeyError as error:
+            raise InputError(f"{path}: view {number}: missing key {error}") from error
+        except (TypeError, ValueError, UsageError) as error:
+            raise InputError(f"{path}: view {number}: {error}") from error
+    return views
+
+
+def render_views(
+    renderer: pave.Renderer,
+    stage: pave.Stage,
+    views: Sequence[pave.View],
+    settings: RenderSettings,
+    *,
+    on_frame: Callable[[int, pave.Stage], None] | None = None,
+    trace: pave.Trace | None = None,
+) -> None:
+    """Renders `views[stage.first_index:]` into `stage` and closes it.
+
+    `on_frame(done, stage)` is called after each frame with the number of frames rendered so far. Raises what the
+    renderer or the stage raises; frames acknowledged until then stay readable.
+    """
+    from contextlib import nullcontext
+
+    settings = settings.resolved(renderer.scene)
+    for index in range(stage.first_index, len(views)):
+        frame = stage.acquire()
+        with trace.span("render", f"frame {index}") if trace is not None else nullcontext():
+            renderer.render(
+                views[index],
+                frame,
+                spp=settings.spp,
+                max_depth=settings.max_depth,
+                rr_depth=settings.rr_depth,
+                seed=settings.seed,
+                frame_index=index,
+            )
+        stage.publish(frame)
+        del frame
+        if on_frame is not None:
+            on_frame(index + 1, stage)
+    stage.close()
+
+
+def render_dataset(
+    device: pave.Device,
+    scene: pave.Scene,
+    uri: str,
+    views: Sequence[pave.View],
+    settings: RenderSettings,
+    *,
+    slots: int = 8,
+    frames_per_shard: int = 16,
+    exr_names: str = "pave",
+    resume: bool = False,
+    trace: pave.Trace | None = None,
+    on_frame: Callable[[int, pave.Stage], None] | None = None,
+) -> dict[str, Any]:
+    """One call from scene to data set. Returns counts: frames, resumed_from, acknowledged."""
+    import pave
+
+    settings = settings.resolved(scene)
+    renderer = pave.Renderer(device, scene)
+    stage = pave.Stage(
+        device,
+        uri,
+        width=settings.width,
+        height=settings.height,
+        channels=list(settings.channels),
+        slots=slots,
+        frames_per_shard=frames_per_shard,
+        exr_names=exr_names,
+        resume=resume,
+        trace=trace,
+    )
+    first = stage.first_index
+    if first > len(views):
+        raise UsageError(f"{uri} already has {first} frames, more than the {len(views)} asked for")
+    try:
+        render_views(renderer, stage, views, settings, on_frame=on_frame, trace=trace)
+    except BaseException:
+        # What was published before the trouble is still wanted on disk; the data set stays open for --resume.
+        stage.flush()
+        raise
+    return {"frames": len(views), "resumed_from": first, "acknowledged": stage.acknowledged}
