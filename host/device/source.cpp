@@ -1,0 +1,114 @@
+// Kernel sources: where they come from, their includes, their hash.
+// SPDX-License-Identifier: BSD-3-Clause
+#include "host/device/source.h"
+
+#include <xxhash.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <set>
+#include <sstream>
+
+#include "host/device/cl.h"
+
+namespace pave {
+
+const std::map<std::string, std::string_view>& embedded_kernels();
+
+namespace {
+
+std::string read_kernel_file(const std::string& name) {
+    if (const char* folder = std::getenv("PAVE_KERNEL_DIR"); folder != nullptr && *folder != '\0') {
+        const std::filesystem::path path = std::filesystem::path(folder) / name;
+        std::ifstream file(path, std::ios::binary);
+        std::ostringstream text;
+        text << file.rdbuf();
+        if (!file)
+            throw DeviceError("kernel source " + path.string() +
+                              " cannot be read; unset PAVE_KERNEL_DIR or point it at kernels/");
+        return text.str();
+    }
+    const auto it = embedded_kernels().find(name);
+    if (it == embedded_kernels().end())
+        throw InternalError("kernel source '" + name + "' is not in the library");
+    return std::string(it->second);
+}
+
+std::string trimmed(const std::string& line) {
+    const size_t begin = line.find_first_not_of(" \t\r");
+    return begin == std::string::npos ? "" : line.substr(begin);
+}
+
+/// The name in `#include "name"`, or "" if `line` is something else.
+std::string included_name(const std::string& line) {
+    std::string text = trimmed(line);
+    if (text.empty() || text[0] != '#') return "";
+    text = trimmed(text.substr(1));
+    if (text.rfind("include", 0) != 0) return "";
+    const size_t open = text.find('"');
+    const size_t close = open == std::string::npos ? open : text.find('"', open + 1);
+    return close == std::string::npos ? "" : text.substr(open + 1, close - open - 1);
+}
+
+bool is_pragma_once(const std::string& line) {
+    std::istringstream words(line);
+    std::string hash, once;
+    words >> hash >> once;
+    return hash == "#pragma" && once == "once";
+}
+
+void line_mark(std::string& out, int line, const std::string& name) {
+    out += "#line " + std::to_string(line) + " \"" + name + "\"\n";
+}
+
+void append(std::string& out, const std::string& name, const std::string& text,
+            std::set<std::string>& seen) {
+    line_mark(out, 1, name);
+    std::istringstream lines(text);
+    std::string line;
+    for (int number = 1; std::getline(lines, line); ++number) {
+        const std::string included = included_name(line);
+        if (!included.empty()) {
+            if (seen.insert(included).second)
+                append(out, included, read_kernel_file(included), seen);
+            line_mark(out, number + 1, name);
+        } else {
+            out += (is_pragma_once(line) ? "" : line) + "\n";
+        }
+    }
+}
+
+}  // namespace
+
+std::string assemble_text(const std::string& name, const std::string& text) {
+    // Contracted a*b+c would differ between devices and lane widths; see build_program.
+    std::string out = "#pragma OPENCL FP_CONTRACT OFF\n";
+    std::set<std::string> seen{name};
+    append(out, name, text, seen);
+    return out;
+}
+
+std::string assemble_source(const std::string& file) {
+    return assemble_text(file, read_kernel_file(file));
+}
+
+std::string xxh3_hex(std::string_view bytes) {
+    const XXH128_hash_t hash = XXH3_128bits(bytes.data(), bytes.size());
+    char text[33];
+    std::snprintf(text, sizeof text, "%016llx%016llx", static_cast<unsigned long long>(hash.high64),
+                  static_cast<unsigned long long>(hash.low64));
+    return text;
+}
+
+std::string Device::kernel_hash() {
+    static const std::string hash = [] {
+        std::string all;
+        for (const auto& [name, text] : embedded_kernels())
+            all += name + '\0' + std::to_string(text.size()) + '\0' + std::string(text);
+        return xxh3_hex(all);
+    }();
+    return hash;
+}
+
+}  // namespace pave
