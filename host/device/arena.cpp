@@ -122,7 +122,7 @@ class DeviceArena final : public Arena {
 DeviceArena* arena_of(const Device& device, const Frame& frame) {
     if (!frame) return nullptr;
     auto* arena = dynamic_cast<DeviceArena*>(frame.slot()->arena.get());
-    return arena != nullptr && arena->is_of(cl_context(device)) ? arena : nullptr;
+    return arena != nullptr && arena->is_of(context_of(device)) ? arena : nullptr;
 }
 
 DeviceArena& own_arena(const Device& device, const Frame& frame) {
@@ -190,21 +190,21 @@ std::unique_ptr<Arena> Device::allocate_arena(size_t slot_byte_size, int slots) 
     });
 }
 
-void* Device::slot_buffer(const Frame& frame) const { return cl_slot_buffer(*this, frame)(); }
+void* Device::slot_buffer(const Frame& frame) const { return slot_buffer_of(*this, frame)(); }
 
-cl::Buffer cl_slot_buffer(const Device& device, const Frame& frame) {
+cl::Buffer slot_buffer_of(const Device& device, const Frame& frame) {
     DeviceArena* arena = arena_of(device, frame);
     if (arena == nullptr) return {};
     return cl_guard("slot", [&] { return arena->buffer(frame); });
 }
 
 void slot_to_device(const Device& device, const Frame& frame) {
-    cl_guard("slot", [&] { own_arena(device, frame).to_device(cl_queue(device), frame); });
+    cl_guard("slot", [&] { own_arena(device, frame).to_device(queue_of(device), frame); });
 }
 
 cl::Event slot_to_host(const Device& device, const Frame& frame) {
     return cl_guard("slot",
-                    [&] { return own_arena(device, frame).to_host(cl_queue(device), frame); });
+                    [&] { return own_arena(device, frame).to_host(queue_of(device), frame); });
 }
 
 }  // namespace pave

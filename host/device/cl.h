@@ -50,10 +50,10 @@ decltype(auto) cl_guard(std::string_view where, Call&& call) {
 // ---- Handles: borrowed references, valid while a copy of the Device lives. Any thread.
 // ---------------------------------
 
-const cl::Context& cl_context(const Device& device);
-const cl::Device& cl_device(const Device& device);
+const cl::Context& context_of(const Device& device);
+const cl::Device& device_of(const Device& device);
 /// In order, without profiling unless PAVE_PROFILE=1 was set when the device was selected.
-const cl::CommandQueue& cl_queue(const Device& device);
+const cl::CommandQueue& queue_of(const Device& device);
 
 // ---- Programs
 // ----------------------------------------------------------------------------------------------------------
@@ -152,7 +152,7 @@ void write_buffer(const Device& device, const cl::Buffer& buffer, const Containe
 /// Device::slot_buffer as a retained cl::Buffer; a null one (buffer() == nullptr) for a frame of
 /// another device's memory. A channel lies at schema().channel_byte_offset(i) in it. Kernels write
 /// between slot_to_device() and slot_to_host().
-cl::Buffer cl_slot_buffer(const Device& device, const Frame& frame);
+cl::Buffer slot_buffer_of(const Device& device, const Frame& frame);
 
 /// Makes what the host wrote into the slot visible to kernels enqueued after it. Non-blocking;
 /// nothing to do on CPU devices.
@@ -174,7 +174,7 @@ cl::Event launch(const Device& device, cl::Kernel& kernel, const cl::NDRange& gl
     try {
         where = kernel.getInfo<CL_KERNEL_FUNCTION_NAME>();
         ((kernel.setArg(index, args), ++index), ...);
-        cl_queue(device).enqueueNDRangeKernel(kernel, cl::NullRange, global, local, nullptr,
+        queue_of(device).enqueueNDRangeKernel(kernel, cl::NullRange, global, local, nullptr,
                                               &event);
     } catch (const cl::Error& error) {
         if (index < sizeof...(Args)) where += ", argument " + std::to_string(index);

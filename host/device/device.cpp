@@ -177,8 +177,8 @@ void* Device::context_handle() const { return impl_->context_(); }
 void* Device::device_handle() const { return impl_->device_(); }
 void* Device::queue_handle() const { return impl_->queue_(); }
 
-const cl::Context& cl_context(const Device& device) { return device.impl().context_; }
-const cl::Device& cl_device(const Device& device) { return device.impl().device_; }
-const cl::CommandQueue& cl_queue(const Device& device) { return device.impl().queue_; }
+const cl::Context& context_of(const Device& device) { return device.impl().context_; }
+const cl::Device& device_of(const Device& device) { return device.impl().device_; }
+const cl::CommandQueue& queue_of(const Device& device) { return device.impl().queue_; }
 
 }  // namespace pave

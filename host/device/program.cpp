@@ -61,13 +61,13 @@ BuildFault first_fault(const std::string& log, const std::string& name) {
 cl::Program build(const Device& device, const std::string& name, const std::string& text,
                   const std::string& options) {
     cl::Program program =
-        cl_guard(name, [&] { return cl::Program(cl_context(device), text, false); });
+        cl_guard(name, [&] { return cl::Program(context_of(device), text, false); });
     try {
-        program.build({cl_device(device)}, options.c_str());
+        program.build({device_of(device)}, options.c_str());
     } catch (const cl::Error& error) {
         std::string log;
         try {
-            log = program.getBuildInfo<CL_PROGRAM_BUILD_LOG>(cl_device(device));
+            log = program.getBuildInfo<CL_PROGRAM_BUILD_LOG>(device_of(device));
         } catch (const cl::Error&) {
             log.clear();  // a driver that fails even here still gets its code reported
         }

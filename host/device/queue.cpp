@@ -29,8 +29,8 @@ void wait(const cl::Event& event, std::string_view what, std::chrono::millisecon
 void finish(const Device& device, std::string_view what, std::chrono::milliseconds limit) {
     cl::Event event;
     cl_guard(what, [&] {
-        cl_queue(device).enqueueMarkerWithWaitList(nullptr, &event);
-        cl_queue(device).flush();
+        queue_of(device).enqueueMarkerWithWaitList(nullptr, &event);
+        queue_of(device).flush();
     });
     wait(event, what, limit);
 }
@@ -45,7 +45,7 @@ cl::Buffer make_buffer(const Device& device, size_t byte_size, std::string_view 
                           " allocates " + std::to_string(largest) + " at most",
                       "use a smaller frame or scene");
     return cl_guard(what, [&] {
-        return cl::Buffer(cl_context(device), flags, std::max(byte_size, kSmallest));
+        return cl::Buffer(context_of(device), flags, std::max(byte_size, kSmallest));
     });
 }
 
@@ -61,9 +61,9 @@ void read_buffer_bytes(const Device& device, const cl::Buffer& buffer, std::span
     if (to.empty()) return;
     cl::Event event;
     cl_guard(what, [&] {
-        cl_queue(device).enqueueReadBuffer(buffer, CL_FALSE, 0, to.size(), to.data(), nullptr,
+        queue_of(device).enqueueReadBuffer(buffer, CL_FALSE, 0, to.size(), to.data(), nullptr,
                                            &event);
-        cl_queue(device).flush();
+        queue_of(device).flush();
     });
     wait(event, what);
 }
@@ -73,9 +73,9 @@ void write_buffer_bytes(const Device& device, const cl::Buffer& buffer,
     if (from.empty()) return;
     cl::Event event;
     cl_guard(what, [&] {
-        cl_queue(device).enqueueWriteBuffer(buffer, CL_FALSE, 0, from.size(), from.data(), nullptr,
+        queue_of(device).enqueueWriteBuffer(buffer, CL_FALSE, 0, from.size(), from.data(), nullptr,
                                             &event);
-        cl_queue(device).flush();
+        queue_of(device).flush();
     });
     wait(event, what);
 }
