@@ -107,7 +107,8 @@ FrameSchema FrameSchema::of_known(int width, int height, const std::vector<std::
         const int planes = known_channel_planes(name);
         if (planes == 0) {
             std::string known;
-            for (const auto& [k, n] : kKnownChannels) known += (known.empty() ? "" : ", ") + std::string(k);
+            for (const auto& [k, n] : kKnownChannels)
+                known += (known.empty() ? "" : ", ") + std::string(k);
             throw UsageError("unknown channel '" + name + "'; known are " + known);
         }
         channels.push_back({name, planes});

@@ -1,0 +1,184 @@
+// BP5 files through ADIOS2.
+// SPDX-License-Identifier: BSD-3-Clause
+#include "staging/bp.h"
+
+#include <adios2.h>
+
+#include <chrono>
+#include <mutex>
+
+namespace pave {
+namespace {
+
+/// ADIOS2 keeps process-wide tables (FFS formats) that are not promised to be safe between threads:
+/// one call at a time. Waits 30 s at most, so that a writer stuck in a dead disk does not hang a
+/// reader for ever.
+class AdiosLock {
+   public:
+    AdiosLock() : lock_(mutex(), std::chrono::seconds(30)) {
+        if (!lock_.owns_lock())
+            throw RunError("ADIOS2 is busy for 30 s: another data set of this process is stuck");
+    }
+
+   private:
+    static std::timed_mutex& mutex() {
+        static std::timed_mutex one;
+        return one;
+    }
+    std::unique_lock<std::timed_mutex> lock_;
+};
+
+adios2::Dims shape_of(const FrameSchema& schema, const Channel& channel) {
+    return {static_cast<size_t>(channel.planes), static_cast<size_t>(schema.height()),
+            static_cast<size_t>(schema.width())};
+}
+
+}  // namespace
+
+class BpWriter::Impl {
+   public:
+    Impl(const fs::path& path, const FrameSchema& schema) : path_(path) {
+        io_ = adios_.DeclareIO("write");
+        io_.SetEngine("BP5");
+        // Synchronous, one data file, no statistics, no profile: the bytes depend on the frames
+        // alone.
+        io_.SetParameters({{"AsyncOpen", "Off"},
+                           {"AsyncWrite", "Off"},
+                           {"NumAggregators", "1"},
+                           {"StatsLevel", "0"},
+                           {"Profile", "Off"}});
+        define(schema);
+        engine_ = io_.Open(path.string(), adios2::Mode::Write);
+    }
+
+    void put(const Frame& frame) {
+        const FrameMetadata& m = frame.metadata();
+        engine_.BeginStep();
+        for (const auto& variable : channels_)
+            engine_.Put(variable, frame.channel(variable.Name()).data());
+        put_value("frame/index", m.index);
+        put_value("frame/spp", static_cast<int32_t>(m.spp));
+        put_value("frame/max_depth", static_cast<int32_t>(m.max_depth));
+        put_value("frame/seed", m.seed);
+        put_value("frame/scene", m.scene);
+        put_value("frame/scene_hash", m.scene_hash);
+        put_value("frame/device", m.device);
+        put_value("frame/driver", m.driver);
+        put_value("frame/kernel_hash", m.kernel_hash);
+        put_value("frame/program_version", m.program_version);
+        put_value("frame/program_commit", m.program_commit);
+        put_value("frame/weights_version", m.weights_version);
+        put_value("frame/fov_x_degrees", m.view.fov_x_degrees);
+        // Last, because it needs no padding: ADIOS2 pads a text at a step's end with whatever the
+        // heap holds.
+        engine_.Put(camera_, m.view.world_from_camera.data());
+        engine_.EndStep();  // writes, and lets go of every pointer above
+    }
+
+    void close() {
+        engine_.Close();
+        engine_ = {};
+        fs::remove(path_ / "profiling.json");  // times of this run
+    }
+
+   private:
+    void define(const FrameSchema& schema) {
+        for (const Channel& channel : schema.channels()) {
+            const adios2::Dims shape = shape_of(schema, channel);
+            channels_.push_back(io_.DefineVariable<float>(
+                channel.name, shape, adios2::Dims(shape.size(), 0), shape, true));
+            const ChannelMeaning meaning = channel_meaning(channel);
+            if (meaning.unit.empty()) continue;
+            io_.DefineAttribute<std::string>(channel.name + "/unit", meaning.unit);
+            io_.DefineAttribute<std::string>(channel.name + "/meaning", meaning.meaning);
+        }
+        io_.DefineVariable<int64_t>("frame/index");
+        io_.DefineVariable<int32_t>("frame/spp");
+        io_.DefineVariable<int32_t>("frame/max_depth");
+        io_.DefineVariable<uint64_t>("frame/seed");
+        io_.DefineVariable<float>("frame/fov_x_degrees");
+        for (const char* name : {"scene", "scene_hash", "device", "driver", "kernel_hash",
+                                 "program_version", "program_commit", "weights_version"})
+            io_.DefineVariable<std::string>(std::string("frame/") + name);
+        camera_ =
+            io_.DefineVariable<float>("frame/world_from_camera", {4, 4}, {0, 0}, {4, 4}, true);
+        io_.DefineAttribute<std::string>("frame/world_from_camera/meaning",
+                                         "camera to world, row-major, +Z along the view, +X left");
+        io_.DefineAttribute<std::string>("planes/meaning",
+                                         "channel shapes are {planes, height, width}");
+    }
+    template <typename T>
+    void put_value(const char* name, const T& value) {
+        engine_.Put(io_.InquireVariable<T>(name), value, adios2::Mode::Sync);
+    }
+
+    const fs::path path_;
+    adios2::ADIOS adios_;
+    adios2::IO io_;
+    adios2::Engine engine_;
+    std::vector<adios2::Variable<float>> channels_;
+    adios2::Variable<float> camera_;
+};
+
+BpWriter::BpWriter(const fs::path& path, const FrameSchema& schema) {
+    const AdiosLock lock;
+    impl_ = std::make_unique<Impl>(path, schema);
+}
+BpWriter::~BpWriter() {
+    const AdiosLock lock;
+    impl_.reset();
+}
+void BpWriter::put(const Frame& frame) {
+    const AdiosLock lock;
+    impl_->put(frame);
+}
+void BpWriter::close() {
+    const AdiosLock lock;
+    impl_->close();
+}
+
+class BpReader::Impl {
+   public:
+    Impl(const fs::path& path, const FrameSchema& schema, size_t frames) : path_(path) {
+        io_ = adios_.DeclareIO("read");
+        io_.SetEngine("BP5");
+        io_.SetParameters({{"Threads", "1"}});
+        engine_ = io_.Open(path.string(), adios2::Mode::ReadRandomAccess);
+        for (const Channel& channel : schema.channels()) {
+            auto variable = io_.InquireVariable<float>(channel.name);
+            if (!variable || variable.Shape() != shape_of(schema, channel) ||
+                variable.Steps() != frames)
+                throw InputError(path.string() + ": channel '" + channel.name +
+                                 "' is missing or not as the manifest says");
+            channels_.push_back(variable);
+        }
+    }
+    void get(size_t step, Frame& frame) {
+        for (auto& variable : channels_) {
+            variable.SetStepSelection({step, 1});
+            engine_.Get(variable, frame.channel(variable.Name()).data(), adios2::Mode::Sync);
+        }
+    }
+
+   private:
+    const fs::path path_;
+    adios2::ADIOS adios_;
+    adios2::IO io_;
+    adios2::Engine engine_;
+    std::vector<adios2::Variable<float>> channels_;
+};
+
+BpReader::BpReader(const fs::path& path, const FrameSchema& schema, size_t frames) {
+    const AdiosLock lock;
+    impl_ = std::make_unique<Impl>(path, schema, frames);
+}
+BpReader::~BpReader() {
+    const AdiosLock lock;
+    impl_.reset();
+}
+void BpReader::get(size_t step, Frame& frame) {
+    const AdiosLock lock;
+    impl_->get(step, frame);
+}
+
+}  // namespace pave

@@ -1,0 +1,46 @@
+// The bp: source: shards opened on first touch, the last few kept open.
+// SPDX-License-Identifier: BSD-3-Clause
+#include <algorithm>
+#include <deque>
+
+#include "staging/bp.h"
+#include "staging/file_source.h"
+
+namespace pave {
+namespace {
+
+constexpr size_t kOpenShards = 64;  // each holds a file descriptor or two
+
+class BpSource final : public FileSource {
+   public:
+    BpSource(const std::string& path, bool allow_unfinished)
+        : FileSource(path, "bp", allow_unfinished) {}
+
+   private:
+    struct OpenShard {
+        const Block* block;
+        std::unique_ptr<BpReader> reader;
+    };
+    void decode(const Block& block, size_t step, Frame& frame) override {
+        auto found = std::find_if(open_.begin(), open_.end(),
+                                  [&](const OpenShard& shard) { return shard.block == &block; });
+        if (found == open_.end()) {
+            if (open_.size() == kOpenShards) open_.pop_front();
+            auto reader =
+                std::make_unique<BpReader>(root() / block.name, schema(), block.frames.size());
+            open_.push_back({&block, std::move(reader)});
+            found = std::prev(open_.end());
+        }
+        found->reader->get(step, frame);
+    }
+
+    std::deque<OpenShard> open_;  // oldest first
+};
+
+}  // namespace
+
+std::unique_ptr<Source> open_bp_source(const std::string& path, bool allow_unfinished) {
+    return std::make_unique<BpSource>(path, allow_unfinished);
+}
+
+}  // namespace pave
