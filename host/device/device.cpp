@@ -6,6 +6,7 @@
 #include <cctype>
 #include <cstdlib>
 
+#include "host/device/cache.h"
 #include "host/device/impl.h"
 
 namespace pave {
@@ -28,6 +29,7 @@ std::vector<cl::Platform> find_platforms() {
     constexpr const char* kHint =
         "no OpenCL platform found; install a driver: apt install pocl-opencl-icd (and see "
         "OCL_ICD_VENDORS)";
+    KernelCache::of_process();  // before the first OpenCL call
     std::vector<cl::Platform> platforms;
     try {
         cl::Platform::get(&platforms);
@@ -147,6 +149,7 @@ Device Device::from_handles(void* context, void* device_id, void* queue) {
     if (context == nullptr || device_id == nullptr)
         throw DeviceError(
             "from_handles: context or device is null; pass both, only the queue may be null");
+    KernelCache::of_process();
     return cl_guard("from_handles", [&] {
         cl::Context own_context(static_cast<::cl_context>(context), true);
         cl::Device own_device(static_cast<cl_device_id>(device_id), true);

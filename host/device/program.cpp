@@ -1,16 +1,22 @@
 // From kernel source to program: options, build, and build errors that name file and line.
 // SPDX-License-Identifier: BSD-3-Clause
 #include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+#include <optional>
 #include <regex>
 #include <sstream>
 
+#include "host/device/cache.h"
 #include "host/device/impl.h"
 #include "host/device/source.h"
+#include "pave/version.h"
 
 namespace pave {
 namespace {
 
 constexpr size_t kMaxDefineLength = 64;
+constexpr const char* kLogName = "last-build.log";
 
 bool is_define_name(const std::string& name) {
     if (name.empty() || name.size() > kMaxDefineLength || name[0] < 'A' || name[0] > 'Z')
@@ -30,6 +36,9 @@ std::string number_text(const DefineValue& define) {
 
 std::string options_of(const Defines& defines) {
     std::string options = "-cl-std=CL1.2";
+    // Warnings are for those who edit kernels: some drivers print them on the user's terminal.
+    const char* editing = std::getenv("PAVE_KERNEL_DIR");
+    if (editing == nullptr || *editing == '\0') options += " -w";
     for (const auto& [name, value] : defines) {
         if (!is_define_name(name))
             throw InternalError("'" + name + "' is no name of a kernel define");
@@ -58,22 +67,71 @@ BuildFault first_fault(const std::string& log, const std::string& name) {
     return {name, first_line.empty() ? "the driver gave no log" : first_line};
 }
 
+[[noreturn]] void throw_build_error(const cl::Program& program, const Device& device,
+                                    const std::string& name, cl_int code) {
+    std::string log;
+    try {
+        log = program.getBuildInfo<CL_PROGRAM_BUILD_LOG>(device_of(device));
+    } catch (const cl::Error&) {
+        log.clear();  // a driver that fails even here still gets its code reported
+    }
+    const BuildFault fault = first_fault(log, name);
+    std::string hint;
+    const std::filesystem::path cache = KernelCache::of_process().folder().path;
+    if (!cache.empty() && write_file_whole(cache / kLogName, log))
+        hint = "the whole log is in " + (cache / kLogName).string();
+    throw ClError("clBuildProgram", code, fault.where, fault.reason, hint, log);
+}
+
+/// Everything that the compiled program depends on.
+std::string key_of(const Device& device, const std::string& text, const std::string& options) {
+    const DeviceProfile& profile = device.profile();
+    std::string all;
+    for (const std::string& part : {text, options, profile.platform, profile.name, profile.vendor,
+                                    profile.driver, profile.opencl_version, program_version()})
+        all += std::to_string(part.size()) + ":" + part;
+    return xxh3_hex(all);
+}
+
+std::optional<cl::Program> build_binary(const Device& device, const std::string& binary,
+                                        const std::string& options) {
+    try {
+        const std::vector<unsigned char> bytes(binary.begin(), binary.end());
+        cl::Program program(context_of(device), {device_of(device)}, {bytes});
+        program.build({device_of(device)}, options.c_str());
+        return program;
+    } catch (const cl::Error&) {
+        return std::nullopt;  // the driver wants none of it: compile
+    }
+}
+
+/// The binary of the context's one device; empty if the driver gives none, as for contexts of
+/// several devices.
+std::string binary_of(const cl::Program& program) {
+    try {
+        const auto binaries = program.getInfo<CL_PROGRAM_BINARIES>();
+        if (binaries.size() == 1) return {binaries[0].begin(), binaries[0].end()};
+    } catch (const cl::Error&) {
+        return {};
+    }
+    return {};
+}
+
 cl::Program build(const Device& device, const std::string& name, const std::string& text,
                   const std::string& options) {
+    KernelCache::Compilation compilation(KernelCache::of_process(), key_of(device, text, options));
+    if (compilation.binary())
+        if (auto program = build_binary(device, *compilation.binary(), options)) return *program;
     cl::Program program =
         cl_guard(name, [&] { return cl::Program(context_of(device), text, false); });
     try {
         program.build({device_of(device)}, options.c_str());
     } catch (const cl::Error& error) {
-        std::string log;
-        try {
-            log = program.getBuildInfo<CL_PROGRAM_BUILD_LOG>(device_of(device));
-        } catch (const cl::Error&) {
-            log.clear();  // a driver that fails even here still gets its code reported
-        }
-        const BuildFault fault = first_fault(log, name);
-        throw ClError("clBuildProgram", error.err(), fault.where, fault.reason, {}, log);
+        throw_build_error(program, device, name, error.err());
     }
+    if (!compilation.end())
+        if (std::string binary = binary_of(program); !binary.empty())
+            compilation.keep_binary(std::move(binary));
     return program;
 }
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <thread>
 
+#include "host/device/cache.h"
 #include "host/device/cl.h"
 
 namespace pave {
@@ -15,7 +16,10 @@ void wait(const cl::Event& event, std::string_view what, std::chrono::millisecon
     for (;;) {
         const cl_int status =
             cl_guard(what, [&] { return event.getInfo<CL_EVENT_COMMAND_EXECUTION_STATUS>(); });
-        if (status == CL_COMPLETE) return;
+        if (status == CL_COMPLETE) {
+            KernelCache::of_process().save_if_due();
+            return;
+        }
         if (status < 0) throw ClError("command", status, what);
         const std::chrono::nanoseconds waited = Clock::now() - begin;
         if (waited >= limit)
