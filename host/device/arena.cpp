@@ -17,18 +17,15 @@ class DeviceArena final : public Arena {
    public:
     DeviceArena(const cl::Context& context, const cl::CommandQueue& queue, SlotAccess access,
                 size_t max_alloc_byte_size, size_t slot_byte_size, int slots)
-        : context_(context),
-          queue_(queue),
-          access_(access),
-          slot_byte_size_(slot_byte_size),
-          slots_(static_cast<size_t>(slots)) {
-        const size_t byte_size = slot_byte_size * slots_.size();
+        : context_(context), queue_(queue), access_(access), slot_byte_size_(slot_byte_size) {
+        const size_t byte_size = slot_byte_size * static_cast<size_t>(slots);
         if (access == SlotAccess::kTwin && byte_size <= max_alloc_byte_size) {
             map_pinned(byte_size);
         } else {
             pages_ = std::make_unique<HostPages>(byte_size);
             data_ = pages_->data();
         }
+        slots_.resize(static_cast<size_t>(slots));
     }
     ~DeviceArena() override {
         try {

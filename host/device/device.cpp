@@ -175,6 +175,11 @@ Device Device::from_handles(void* context, void* device_id, void* queue) {
     });
 }
 
+KernelCacheInfo Device::kernel_cache() {
+    const CacheFolder& folder = KernelCache::of_process().folder();
+    return {folder.path.string(), folder.note};
+}
+
 const DeviceProfile& Device::profile() const { return impl_->profile_; }
 void* Device::context_handle() const { return impl_->context_(); }
 void* Device::device_handle() const { return impl_->device_(); }

@@ -1,5 +1,6 @@
 // From kernel source to program: options, build, and build errors that name file and line.
 // SPDX-License-Identifier: BSD-3-Clause
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
@@ -29,6 +30,8 @@ bool is_define_name(const std::string& name) {
 std::string number_text(const DefineValue& define) {
     if (const int64_t* integer = std::get_if<int64_t>(&define.value))
         return std::to_string(*integer);
+    if (!std::isfinite(std::get<float>(define.value)))
+        throw InternalError("a kernel define that is no finite number");
     char text[48];
     std::snprintf(text, sizeof text, "%af", static_cast<double>(std::get<float>(define.value)));
     return text;

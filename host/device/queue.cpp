@@ -13,6 +13,11 @@ void wait(const cl::Event& event, std::string_view what, std::chrono::millisecon
     constexpr std::chrono::nanoseconds kShortest = std::chrono::microseconds(20);
     constexpr std::chrono::nanoseconds kLongest = std::chrono::milliseconds(2);
     const Clock::time_point begin = Clock::now();
+    cl_guard(what,
+             [&] {  // a command that is not flushed may never start; user events have no queue
+                 const cl::CommandQueue queue = event.getInfo<CL_EVENT_COMMAND_QUEUE>();
+                 if (queue() != nullptr) queue.flush();
+             });
     for (;;) {
         const cl_int status =
             cl_guard(what, [&] { return event.getInfo<CL_EVENT_COMMAND_EXECUTION_STATUS>(); });
@@ -32,10 +37,7 @@ void wait(const cl::Event& event, std::string_view what, std::chrono::millisecon
 
 void finish(const Device& device, std::string_view what, std::chrono::milliseconds limit) {
     cl::Event event;
-    cl_guard(what, [&] {
-        queue_of(device).enqueueMarkerWithWaitList(nullptr, &event);
-        queue_of(device).flush();
-    });
+    cl_guard(what, [&] { queue_of(device).enqueueMarkerWithWaitList(nullptr, &event); });
     wait(event, what, limit);
 }
 
@@ -67,7 +69,6 @@ void read_buffer_bytes(const Device& device, const cl::Buffer& buffer, std::span
     cl_guard(what, [&] {
         queue_of(device).enqueueReadBuffer(buffer, CL_FALSE, 0, to.size(), to.data(), nullptr,
                                            &event);
-        queue_of(device).flush();
     });
     wait(event, what);
 }
@@ -79,7 +80,6 @@ void write_buffer_bytes(const Device& device, const cl::Buffer& buffer,
     cl_guard(what, [&] {
         queue_of(device).enqueueWriteBuffer(buffer, CL_FALSE, 0, from.size(), from.data(), nullptr,
                                             &event);
-        queue_of(device).flush();
     });
     wait(event, what);
 }

@@ -18,8 +18,14 @@ const std::map<std::string, std::string_view>& embedded_kernels();
 
 namespace {
 
+/// Where kernels are read from instead of the library, or "".
+std::string kernel_folder() {
+    const char* folder = std::getenv("PAVE_KERNEL_DIR");
+    return folder == nullptr ? "" : folder;
+}
+
 std::string read_kernel_file(const std::string& name) {
-    if (const char* folder = std::getenv("PAVE_KERNEL_DIR"); folder != nullptr && *folder != '\0') {
+    if (const std::string folder = kernel_folder(); !folder.empty()) {
         const std::filesystem::path path = std::filesystem::path(folder) / name;
         std::ifstream file(path, std::ios::binary);
         std::ostringstream text;
@@ -102,13 +108,21 @@ std::string xxh3_hex(std::string_view bytes) {
 }
 
 std::string Device::kernel_hash() {
-    static const std::string hash = [] {
-        std::string all;
-        for (const auto& [name, text] : embedded_kernels())
-            all += name + '\0' + std::to_string(text.size()) + '\0' + std::string(text);
-        return xxh3_hex(all);
-    }();
-    return hash;
+    std::map<std::string, std::string> files;
+    if (const std::string folder = kernel_folder(); !folder.empty()) {
+        std::error_code error;
+        for (std::filesystem::directory_iterator it(folder, error), end; !error && it != end;
+             it.increment(error)) {
+            const std::string name = it->path().filename().string();
+            if (name.ends_with(".cl") || name.ends_with(".h")) files[name] = read_kernel_file(name);
+        }
+    } else {
+        for (const auto& [name, text] : embedded_kernels()) files[name] = text;
+    }
+    std::string all;
+    for (const auto& [name, text] : files)
+        all += name + '\0' + std::to_string(text.size()) + '\0' + text;
+    return xxh3_hex(all);
 }
 
 }  // namespace pave

@@ -24,6 +24,12 @@ struct DeviceProfile {
     size_t global_byte_size = 0, max_alloc_byte_size = 0;
 };
 
+/// Where compiled kernels are kept between processes (docs/kernel-cache.md).
+struct KernelCacheInfo {
+    std::string folder;  // empty if there is none; nothing is kept then
+    std::string note;    // then: why, e.g. "/home/ada/.cache/pave is open to others (chmod 700)"
+};
+
 /// A counted handle on a device with its context and in-order queue. Copies share it. Any thread.
 class Device : public ArenaAllocator {
    public:
@@ -43,12 +49,17 @@ class Device : public ArenaAllocator {
 
     /// Pinned, zero-filled memory that this device's kernels and the host both use.
     std::unique_ptr<Arena> allocate_arena(size_t slot_byte_size, int slots) override;
-    /// cl_mem over the very bytes of `frame`'s slot, borrowed while the frame's arena lives; null if the frame's arena is
-    /// not of this device's context.
+    /// cl_mem of `frame`'s slot, borrowed while the frame's arena lives; null if the frame's arena is not of this device's
+    /// context. On devices that share the host's memory it lies over the slot's very bytes; on discrete ones it is the slot's
+    /// twin in device memory, and the slot is the pinned memory that PAVE reads the twin into.
     void* slot_buffer(const Frame& frame) const;
 
-    /// XXH3-128 hex of all kernel sources that this library was built with.
+    /// XXH3-128 hex of all kernel sources: the library's own, or those in PAVE_KERNEL_DIR.
     static std::string kernel_hash();
+    /// Opens the kernel cache and points the drivers' own caches into it. select(), list() and from_handles() do so by themselves;
+    /// call it earlier in programs that make OpenCL calls of their own before them. Throws DeviceError if not even a temporary
+    /// folder can be made.
+    static KernelCacheInfo kernel_cache();
 
     class Impl;
     Impl& impl() const { return *impl_; }
