@@ -1,0 +1,112 @@
+// Closest hit and occlusion of PAVE_LANES rays: broadcast shapes first, then the tree ray by ray.
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+#include "tree.h"
+
+#if PAVE_HAS_TREE
+/// Rays as arrays, for the lane-by-lane walk.
+typedef struct {
+    float o[3][PAVE_LANES], d[3][PAVE_LANES], t[PAVE_LANES];
+    int skip[PAVE_LANES];
+} LaneRays;
+
+static inline void store_rays(LaneRays* rays, vec3 o, vec3 d, vfloat t, vint skip) {
+    lane_store(o.x, rays->o[0]);
+    lane_store(o.y, rays->o[1]);
+    lane_store(o.z, rays->o[2]);
+    lane_store(d.x, rays->d[0]);
+    lane_store(d.y, rays->d[1]);
+    lane_store(d.z, rays->d[2]);
+    lane_store(t, rays->t);
+    lane_store(skip, rays->skip);
+}
+static inline TreeRay ray_of_lane(const LaneRays* rays, uint i) {
+    TreeRay r;
+    for (int a = 0; a < 3; ++a) {
+        r.o[a] = rays->o[a][i];
+        r.d[a] = rays->d[a][i];
+    }
+    r.t = rays->t[i];
+    r.id = -1;
+    r.b1 = 0.0f;
+    r.b2 = 0.0f;
+    r.skip = rays->skip[i];
+    return r;
+}
+#endif
+
+/// Closest hit of the active lanes; the others get nothing of use. `skip`: id that the ray starts on, for triangles.
+static inline Hit trace_closest(const Scene* s, vec3 o, vec3 d, vmask active, vint skip) {
+    Hit hit = no_hit();
+    __constant const PathParams* p = s->p;
+#if PAVE_HAS_RECTS
+    for (int i = 0; i < p->rect_count; ++i) closest_flat(flat_shapes(s) + i, 0, o, d, &hit);
+#endif
+#if PAVE_HAS_DISKS
+    for (int i = 0; i < p->disk_count; ++i) closest_flat(flat_shapes(s) + p->rect_count + i, 1, o, d, &hit);
+#endif
+#if PAVE_HAS_CUBES
+    for (int i = 0; i < p->cube_count; ++i) closest_cube(cube_shapes(s) + i, o, d, &hit);
+#endif
+#if PAVE_HAS_SPHERES
+    for (int i = 0; i < p->sphere_count; ++i) closest_sphere(sphere_shapes(s) + i, o, d, &hit);
+#endif
+#if PAVE_HAS_TREE
+    LaneRays rays;
+    store_rays(&rays, o, d, hit.t, skip);
+    float b1[PAVE_LANES], b2[PAVE_LANES];
+    int id[PAVE_LANES];
+    lane_store(hit.b1, b1);
+    lane_store(hit.b2, b2);
+    lane_store(hit.id, id);
+    for (uint bits = lane_bits(active); bits; bits &= bits - 1u) {
+        const uint i = lowest_bit(bits);
+        TreeRay r = ray_of_lane(&rays, i);
+        tree_closest(s, &r);
+        if (r.id >= 0) {
+            rays.t[i] = r.t;
+            id[i] = r.id;
+            b1[i] = r.b1;
+            b2[i] = r.b2;
+        }
+    }
+    hit.t = lane_load(rays.t);
+    hit.id = lane_load(id);
+    hit.b1 = lane_load(b1);
+    hit.b2 = lane_load(b2);
+#endif
+    return hit;
+}
+
+/// Lanes of `active` whose ray meets something between 0 and t_max. For rays from a surface to a light: shapes that can not
+/// stand between them (rect_count > i >= rect_shadow) are left out.
+static inline vmask trace_any(const Scene* s, vec3 o, vec3 d, vfloat t_max, vmask active, vint skip) {
+    vmask blocked = mask_of(0);
+    __constant const PathParams* p = s->p;
+#if PAVE_HAS_RECTS
+    for (int i = 0; i < p->rect_shadow; ++i) blocked |= occludes_flat(flat_shapes(s) + i, 0, o, d, t_max);
+#endif
+#if PAVE_HAS_DISKS
+    for (int i = 0; i < p->disk_shadow; ++i)
+        blocked |= occludes_flat(flat_shapes(s) + p->rect_count + i, 1, o, d, t_max);
+#endif
+#if PAVE_HAS_CUBES
+    for (int i = 0; i < p->cube_count; ++i) blocked |= occludes_cube(cube_shapes(s) + i, o, d, t_max);
+#endif
+#if PAVE_HAS_SPHERES
+    for (int i = 0; i < p->sphere_count; ++i) blocked |= occludes_sphere(sphere_shapes(s) + i, o, d, t_max);
+#endif
+#if PAVE_HAS_TREE
+    LaneRays rays;
+    store_rays(&rays, o, d, t_max, skip);
+    int found[PAVE_LANES];
+    lane_store(blocked, found);
+    for (uint bits = lane_bits(active & lane_not(blocked)); bits; bits &= bits - 1u) {
+        const uint i = lowest_bit(bits);
+        const TreeRay r = ray_of_lane(&rays, i);
+        if (tree_any(s, &r)) found[i] = MASK_BITS;
+    }
+    blocked = lane_load(found);
+#endif
+    return blocked & active;
+}
