@@ -143,7 +143,7 @@ def render(
     target = pave.Device(device)
     stage = pave.Stage(
         target,
-        "mem:render",
+        "mem:",
         width=settings.width,
         height=settings.height,
         channels=settings.channels,

@@ -66,7 +66,7 @@ class Console:
 
 
 class Progress:
-    """One bar. `update(done, note)` may be called as often as one likes."""
+    """One bar. `update(done, note)` may be called as often as one likes; `total` may change in between."""
 
     def __init__(self, title: str, total: float, unit: str, visible: bool) -> None:
         self.title, self.total, self.unit = title, total, unit
@@ -96,7 +96,7 @@ class Progress:
         if self._bar is not None:
             seconds = max(time.monotonic() - self.start, 1e-9)
             rate = f"{done / seconds:.2f} {self.unit}/s"
-            self._bar.update(self._task, completed=done, rate=rate, note=note)
+            self._bar.update(self._task, total=self.total, completed=done, rate=rate, note=note)
 
     def summary(self) -> str:
         seconds = time.monotonic() - self.start

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -74,7 +75,7 @@ def read_views(path: str | Path) -> list[pave.View]:
         try:
             unknown = set(record) - {"eye", "target", "up", "fov"}
             if unknown:
-                raise ValueError(f"unknown key '{sorted(unknown)[0]}'")
+                raise ValueError(f"unknown key '{min(unknown)}'")
             views.append(
                 pave.look_at(
                     [float(x) for x in record["eye"]],
@@ -99,13 +100,11 @@ def render_views(
     on_frame: Callable[[int, pave.Stage], None] | None = None,
     trace: pave.Trace | None = None,
 ) -> None:
-    """Renders `views[stage.first_index:]` into `stage` and closes it.
+    """Renders `views[stage.first_index:]` into `stage`, which stays open.
 
     `on_frame(done, stage)` is called after each frame with the number of frames rendered so far. Raises what the
-    renderer or the stage raises; frames acknowledged until then stay readable.
+    renderer or the stage raises.
     """
-    from contextlib import nullcontext
-
     settings = settings.resolved(renderer.scene)
     for index in range(stage.first_index, len(views)):
         frame = stage.acquire()
@@ -123,7 +122,19 @@ def render_views(
         del frame
         if on_frame is not None:
             on_frame(index + 1, stage)
-    stage.close()
+
+
+def finished_frames(uri: str) -> int | None:
+    """Frames of a data set that its writer closed; None if it is unfinished or not there."""
+    import pave
+
+    if not Path(uri.partition(":")[2]).exists():
+        return None
+    try:
+        source = pave.Source(uri, allow_unfinished=True)
+    except InputError:
+        return None
+    return len(source) if source.finished else None
 
 
 def render_dataset(
@@ -140,12 +151,23 @@ def render_dataset(
     trace: pave.Trace | None = None,
     on_frame: Callable[[int, pave.Stage], None] | None = None,
 ) -> dict[str, Any]:
-    """One call from scene to data set. Returns counts: frames, resumed_from, acknowledged."""
+    """One call from scene to data set. Returns counts: frames, resumed_from, acknowledged.
+
+    With `resume` an unfinished data set is gone on with and a finished one of as many frames is left as it is. If
+    anything is raised, frames acknowledged until then stay readable and the data set stays open for `resume`.
+    """
     import pave
 
     settings = settings.resolved(scene)
+    there = finished_frames(uri) if resume else None
+    if there is not None:
+        if there != len(views):
+            raise UsageError(
+                f"{uri} is finished with {there} frames, not the {len(views)} asked for"
+            )
+        return {"frames": there, "resumed_from": there, "acknowledged": there}
     renderer = pave.Renderer(device, scene)
-    stage = pave.Stage(
+    with pave.Stage(
         device,
         uri,
         width=settings.width,
@@ -156,14 +178,9 @@ def render_dataset(
         exr_names=exr_names,
         resume=resume,
         trace=trace,
-    )
-    first = stage.first_index
-    if first > len(views):
-        raise UsageError(f"{uri} already has {first} frames, more than the {len(views)} asked for")
-    try:
+    ) as stage:
+        first = stage.first_index
+        if first > len(views):
+            raise UsageError(f"{uri} has {first} frames, more than the {len(views)} asked for")
         render_views(renderer, stage, views, settings, on_frame=on_frame, trace=trace)
-    except BaseException:
-        # What was published before the trouble is still wanted on disk; the data set stays open for --resume.
-        stage.flush()
-        raise
     return {"frames": len(views), "resumed_from": first, "acknowledged": stage.acknowledged}

@@ -31,9 +31,7 @@ def _render_probe(spec: str) -> dict[str, Any]:
     begin = time.perf_counter()
     device = pave.Device(spec)
     scene = pave.load_scene("cornell")
-    stage = pave.Stage(
-        device, "mem:doctor", width=16, height=16, channels=["color", "depth"], slots=1
-    )
+    stage = pave.Stage(device, "mem:", width=16, height=16, channels=["color", "depth"], slots=1)
     frame = stage.acquire()
     pave.Renderer(device, scene).render(scene.view, frame, spp=16, max_depth=4, seed=1)
     color = frame["color"].numpy()

@@ -48,7 +48,7 @@ def draw_view(
     channels = [*generator.inputs, "drawn"]
     if compare:
         channels.append("color")
-    stage = pave.Stage(target, "mem:draw", width=width, height=height, channels=channels, slots=2)
+    stage = pave.Stage(target, "mem:", width=width, height=height, channels=channels, slots=2)
     frame = stage.acquire()
     renderer = pave.Renderer(target, scene)
     view = view or scene.view

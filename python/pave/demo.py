@@ -1,0 +1,262 @@
+"""The papers' experiment from end to end: render, share, train, evaluate, draw with what was learned, report.
+
+SPDX-License-Identifier: BSD-3-Clause
+"""
+
+from __future__ import annotations
+
+import json
+import statistics
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pave.console import Console
+from pave.dataset import CHANNELS, RenderSettings, render_dataset
+from pave.errors import UsageError
+from pave.inference import cheap_depth
+
+if TYPE_CHECKING:
+    import pave
+    from pave.data import Dataset
+    from pave.evaluate import Evaluation
+
+SCENE, NOVEL_SCENE = "cornell", "novel"
+DRAWN_VIEWS = 8
+
+
+@dataclass(frozen=True)
+class DemoSetting:
+    """One size of the experiment. `training` are options of pave.options.TrainOptions."""
+
+    views: int
+    novel_views: int
+    size: int
+    spp: int
+    max_depth: int
+    training: dict[str, Any] = field(default_factory=dict)
+
+
+SETTINGS = {
+    "quick": DemoSetting(60, 10, 64, 64, 50, {"epochs": 12, "filters": 16, "unet_depth": 4}),
+    "standard": DemoSetting(480, 48, 128, 256, 50, {"minutes": 8.0}),
+    # The papers: 3080 views, 256x256, 1000 samples, depth 50, 400 epochs.
+    "full": DemoSetting(3080, 96, 256, 1000, 50, {"epochs": 400, "filters": 64, "unet_depth": 6}),
+}
+
+
+class _Demo:
+    """One folder of the experiment; each step goes on where an earlier call was stopped."""
+
+    def __init__(self, console: Console, folder: Path, name: str, device: str, seed: int) -> None:
+        import pave
+
+        self.console, self.folder, self.setting, self.seed = console, folder, SETTINGS[name], seed
+        folder.mkdir(parents=True, exist_ok=True)
+        self._agree_on_setting(name)
+        self.device = pave.Device(device)
+        self.trace = pave.Trace()
+        self.seconds: dict[str, float] = {}
+        self.run = folder / "run"
+        self.data, self.novel = f"bp:{folder / 'cornell.bp'}", f"bp:{folder / 'novel.bp'}"
+
+    def _agree_on_setting(self, name: str) -> None:
+        path = self.folder / "demo.json"
+        record = {"setting": name, "seed": self.seed, **asdict(self.setting)}
+        if path.exists():
+            if json.loads(path.read_text()) != record:
+                raise UsageError(
+                    f"{self.folder} holds a demo of another setting; name another folder"
+                )
+            return
+        if any(self.folder.iterdir()):
+            raise UsageError(f"{self.folder} is not empty and holds no demo; name another folder")
+        path.write_text(json.dumps(record, indent=1) + "\n")
+
+    @contextmanager
+    def step(self, name: str) -> Iterator[None]:
+        begin = time.perf_counter()
+        with self.trace.span(name):
+            yield
+        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begin
+        self.console.event({"stage": name, "seconds": self.seconds[name]})
+
+    @property
+    def settings(self) -> RenderSettings:
+        size = self.setting.size
+        return RenderSettings(
+            size, size, self.setting.spp, self.setting.max_depth, seed=self.seed, channels=CHANNELS
+        )
+
+    def render(self, scene_name: str, uri: str, count: int, seed: int) -> None:
+        """The data set of one scene, all its buffers in one pass."""
+        import pave
+
+        scene = pave.load_scene(scene_name)
+        views = pave.hemisphere_views(scene, count, seed)
+        with self.console.progress(f"render {scene_name}", count, "frames") as bar:
+
+            def on_frame(done: int, stage: pave.Stage) -> None:
+                bar.update(done)
+                self.console.event(
+                    {"stage": "render", "scene": scene_name, "frames": done, "of": count}
+                )
+
+            render_dataset(
+                self.device,
+                scene,
+                uri,
+                views,
+                self.settings,
+                resume=Path(uri.partition(":")[2]).exists(),
+                trace=self.trace,
+                on_frame=on_frame,
+            )
+
+    def train(self) -> dict[str, Any]:
+        from pave.training_session import run_training
+
+        options = {**self.setting.training, "seed": self.seed}
+        provenance = {"scene": SCENE, "spp": self.setting.spp, "max_depth": self.setting.max_depth}
+        return run_training(self.console, self.data, self.run, options, provenance)
+
+    def splits(self) -> dict[str, Dataset]:
+        import pave
+
+        loader = pave.DataLoader(self.data)
+        loader.open(list(CHANNELS))
+        train, test, validation = loader.get_split()
+        novel = pave.Dataset(self.novel, list(CHANNELS))
+        return {"train": train, "validation": validation, "test": test, "novel": novel}
+
+    def draw(self, test: Dataset) -> dict[str, Any]:
+        """Draws views of the test split in the renderer and compares with torch and with path tracing."""
+        import numpy as np
+
+        import pave
+        from pave.export import load_generator
+        from pave.image import write_png
+        from pave.metrics import psnr
+
+        scene = pave.load_scene(SCENE)
+        renderer = pave.Renderer(self.device, scene)
+        generator = pave.Generator(self.device, self.run)
+        in_torch = load_generator(self.run)
+        size = self.setting.size
+        channels = [*generator.inputs, "drawn"]
+        stage = pave.Stage(self.device, "mem:", width=size, height=size, channels=channels, slots=1)
+        figures = self.folder / "figures"
+        figures.mkdir(exist_ok=True)
+        rows = []
+        for index in range(min(DRAWN_VIEWS, len(test))):
+            metadata, truth = test.metadata(index), test[index]
+            frame = stage.acquire()
+            begin = time.perf_counter()
+            renderer.render(
+                metadata.view,
+                frame,
+                spp=self.setting.spp,
+                max_depth=cheap_depth(scene),
+                seed=self.seed,
+                frame_index=metadata["index"],
+            )
+            buffers = time.perf_counter()
+            generator.draw(frame)
+            done = time.perf_counter()
+            drawn = frame["drawn"].torch().clone()
+            rows.append(
+                {
+                    "same_buffers": all(
+                        np.array_equal(frame[name].numpy(), truth[name].numpy())
+                        for name in generator.inputs
+                    ),
+                    "buffers_seconds": buffers - begin,
+                    "network_seconds": done - buffers,
+                    "path_traced_seconds": metadata["seconds_spent"],
+                    "torch_difference": float((drawn - in_torch.draw(truth)).abs().max()),
+                    "psnr": float(psnr(drawn, truth["color"])),
+                }
+            )
+            write_png(drawn.numpy(), figures / f"view-{metadata['index']:04d}-drawn.png")
+            write_png(truth["color"].numpy(), figures / f"view-{metadata['index']:04d}-path.png")
+            del frame
+
+        def median(key: str) -> float:
+            # The first view pays for compiling kernels.
+            return statistics.median(row[key] for row in (rows[1:] or rows))
+
+        return {
+            "views": len(rows),
+            "same_buffers": all(row["same_buffers"] for row in rows),
+            "torch_difference": max(row["torch_difference"] for row in rows),
+            "psnr": statistics.mean(row["psnr"] for row in rows),
+            "buffers_ms": 1e3 * median("buffers_seconds"),
+            "network_ms": 1e3 * median("network_seconds"),
+            "path_traced_ms": 1e3 * median("path_traced_seconds"),
+        }
+
+    def report(self, splits: dict[str, Dataset], scores: Evaluation, drawn: dict[str, Any]) -> Path:
+        from pave.report import write_report
+
+        provenance = {
+            "demo": asdict(self.setting),
+            "device": self.device.profile.to_dict(),
+            "drawn in the renderer": drawn,
+            "data": dict(splits["train"].metadata(0)),
+            "views on the novel scene": len(splits["novel"]),
+        }
+        return write_report(
+            self.folder / "report.html",
+            self.run,
+            {"test": splits["test"], "novel": splits["novel"]},
+            scores,
+            stages=self.seconds,
+            provenance=provenance,
+        )
+
+
+def run_demo(
+    console: Console, folder: Path, name: str, *, device: str = "", seed: int = 0
+) -> dict[str, Any]:
+    """The whole experiment into `folder`; `name` is "quick", "standard" or "full". Returns its figures.
+
+    A second call goes on where the first was stopped. Raises UsageError if the folder holds something else.
+    """
+    from pave.evaluate import evaluate
+
+    demo = _Demo(console, folder, name, device, seed)
+    setting = demo.setting
+    with demo.step("render"):
+        demo.render(SCENE, demo.data, setting.views, seed)
+    with demo.step("render novel scene"):
+        demo.render(NOVEL_SCENE, demo.novel, setting.novel_views, seed + 1)
+    with demo.step("train"):
+        training = demo.train()
+    splits = demo.splits()
+    with demo.step("evaluate"):
+        console.say("evaluate: every image of every split")
+        scores = evaluate(demo.run, splits)
+    with demo.step("draw"):
+        console.say("draw: the network in the renderer")
+        drawn = demo.draw(splits["test"])
+    with demo.step("report"):
+        page = demo.report(splits, scores, drawn)
+    demo.trace.write(folder / "trace.json")
+    if not console.json_lines:
+        console.say(scores.table())
+    test = scores.splits["test"]
+    return {
+        "folder": str(folder),
+        "report": str(page),
+        "psnr": test.means["generated"]["psnr"],
+        "ssim": test.means["generated"]["ssim"],
+        "baseline_psnr": test.baseline_psnr,
+        "novel_psnr": scores.splits["novel"].means["generated"]["psnr"],
+        "d_real": training["d_real"],
+        "d_fake": training["d_fake"],
+        "seconds": demo.seconds,
+        "drawn": drawn,
+    }
