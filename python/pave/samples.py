@@ -1,0 +1,105 @@
+"""Training images in the form that the networks take, in memory where they fit, in an order that only the seed decides.
+
+SPDX-License-Identifier: BSD-3-Clause
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import torch
+
+from pave.errors import InputError, UsageError
+from pave.schema import TARGET, Sample, Schema
+
+Batch = tuple[torch.Tensor, torch.Tensor]
+
+
+class EncodedImages:
+    """Encoded (buffers, image) pairs of one split.
+
+    `samples` is any sequence of dicts of (C, H, W) float tensors by channel name, such as pave.Dataset. Up to `cache_bytes`
+    everything is encoded once and kept as two tensors; larger sets are encoded as they are read, one batch ahead in another
+    thread.
+    """
+
+    def __init__(self, samples: Sequence[Sample], schema: Schema, cache_bytes: int, name: str):
+        if len(samples) == 0:
+            raise UsageError(f"the {name} split has no images")
+        self.samples, self.schema, self.name = samples, schema, name
+        self.height, self.width = (int(n) for n in samples[0][TARGET].shape[-2:])
+        planes = schema.in_planes + schema.output_planes
+        byte_size = 4 * planes * self.height * self.width * len(samples)
+        self.cache: Batch | None = None
+        if byte_size <= cache_bytes:
+            pairs = [self._encode(index) for index in range(len(samples))]
+            self.cache = _stack([b for b, _ in pairs]), _stack([t for _, t in pairs])
+
+    def __len__(self) -> int:
+        return len(self.samples)
+
+    def _encode(self, index: int) -> Batch:
+        sample = self.samples[index]
+        buffers, target = self.schema.encode_inputs(sample), self.schema.encode_target(sample)
+        for what, planes in (("an input", buffers), (TARGET, target)):
+            if not bool(torch.isfinite(planes).all()):
+                raise InputError(f"image {index} of the {self.name} split: {what} is not finite")
+        if tuple(target.shape[-2:]) != (self.height, self.width):
+            raise InputError(
+                f"image {index} of the {self.name} split is {target.shape[-1]}x{target.shape[-2]}, "
+                f"the others are {self.width}x{self.height}"
+            )
+        return buffers, target
+
+    def batch(self, indices: torch.Tensor) -> Batch:
+        """Images by index, channels last in memory."""
+        if self.cache is not None:
+            return self.cache[0][indices], self.cache[1][indices]
+        pairs = [self._encode(int(index)) for index in indices]
+        return _stack([b for b, _ in pairs]), _stack([t for _, t in pairs])
+
+    def batches(self, order: Sequence[torch.Tensor]) -> Iterator[Batch]:
+        """The batches of `order` one after the other."""
+        if self.cache is not None:
+            yield from (self.batch(indices) for indices in order)
+            return
+        with ThreadPoolExecutor(1) as pool:
+            ahead = None
+            for indices in order:
+                coming = pool.submit(self.batch, indices)
+                if ahead is not None:
+                    yield ahead.result()
+                ahead = coming
+            if ahead is not None:
+                yield ahead.result()
+
+
+def _stack(images: Sequence[torch.Tensor]) -> torch.Tensor:
+    return torch.stack(list(images)).contiguous(memory_format=torch.channels_last)
+
+
+def epoch_order(count: int, batch: int, seed: int, epoch: int) -> list[torch.Tensor]:
+    """Indices of each batch of one epoch: a permutation that depends on seed and epoch alone, so that a resumed run
+    finds its place. A last batch that would be short is left out, unless it is the only one."""
+    generator = torch.Generator().manual_seed((seed << 32) ^ epoch)
+    order = torch.randperm(count, generator=generator)
+    if count < batch:
+        return [order]
+    return list(order[: count // batch * batch].split(batch))
+
+
+def mirror_batch(buffers: torch.Tensor, target: torch.Tensor, schema: Schema, step: int) -> Batch:
+    """Every second step mirrored left to right: the picture of the mirrored world by the mirrored camera.
+
+    World normals and positions change the sign of x, so that the mirrored world is a possible one. What is not mirrored by
+    it, a red left wall, becomes a variant: use it where scenes vary, not to learn one by heart.
+    """
+    if step % 2 == 0:
+        return buffers, target
+    buffers = buffers.flip(-1)
+    for spec in schema.inputs:
+        if spec.encode in ("signed", "position"):
+            plane = schema.first_plane(spec.channel)
+            buffers[:, plane] = -buffers[:, plane]
+    return buffers, target.flip(-1)
