@@ -1,0 +1,115 @@
+"""PAVE: a portable OpenCL path tracer coupled in situ with machine learning, over one piece of
+memory.
+
+SPDX-License-Identifier: BSD-3-Clause
+
+    device   = pave.Device("pocl")
+    renderer = pave.Renderer(device, pave.load_scene("cornell"))
+    stage    = pave.Stage(device, "mem:", width=256, height=256, channels=["color", "depth"])
+    frame    = stage.acquire()
+    renderer.render(pave.look_at(eye, target), frame, spp=64, seed=7)
+    frame["color"].torch()          # the slot's own memory; likewise .numpy() and .cl_buffer()
+
+DataLoader and Dataset are loaded when first used, since they need torch. Errors are those of
+pave.errors.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from pave import _pave
+from pave.buffers import (
+    KNOWN_CHANNELS,
+    Channel,
+    Frame,
+    Metadata,
+    copies,
+    count_copy,
+    make_frame,
+)
+from pave.device import Device, DeviceProfile, devices, kernel_hash
+from pave.errors import (
+    ClError,
+    DeviceError,
+    Error,
+    ExitCode,
+    InputError,
+    InternalError,
+    PeerError,
+    RunError,
+    UsageError,
+)
+from pave.scene import Generator, Renderer, Scene, View, hemisphere_views, load_scene, look_at
+from pave.stage import Source, Stage, Trace, read_exr, write_exr
+
+if TYPE_CHECKING:
+    from pave.data import DataLoader, Dataset
+
+__version__: str = _pave.program_version()
+
+__all__ = [
+    "KNOWN_CHANNELS",
+    "Channel",
+    "ClError",
+    "DataLoader",
+    "Dataset",
+    "Device",
+    "DeviceError",
+    "DeviceProfile",
+    "Error",
+    "ExitCode",
+    "Frame",
+    "Generator",
+    "InputError",
+    "InternalError",
+    "Metadata",
+    "PeerError",
+    "Renderer",
+    "RunError",
+    "Scene",
+    "Source",
+    "Stage",
+    "Trace",
+    "UsageError",
+    "View",
+    "commit",
+    "copies",
+    "count_copy",
+    "devices",
+    "hash_bytes",
+    "hemisphere_views",
+    "kernel_hash",
+    "load_scene",
+    "look_at",
+    "make_frame",
+    "read_exr",
+    "write_exr",
+]
+
+
+def commit() -> str:
+    """Git commit of the build, "+" behind it if the tree was changed; "unknown" outside git."""
+    return _pave.program_commit()
+
+
+def hash_bytes(data: Any) -> str:
+    """XXH3-128 of any contiguous buffer, bytes or numpy array, as 32 hex digits (what `xxhsum -H2`
+    prints).
+
+    The one hash of PAVE's files: it finds damage, it is no defence against forgery. Raises
+    BufferError for an array with gaps. The interpreter lock is free meanwhile.
+    """
+    return _pave.hash_bytes(data)
+
+
+def __getattr__(name: str) -> Any:
+    if name in ("DataLoader", "Dataset"):
+        from pave import data
+
+        return getattr(data, name)
+    raise AttributeError(f"module 'pave' has no attribute '{name}'")
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), "DataLoader", "Dataset"])
