@@ -2,8 +2,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include <atomic>
+#include <map>
 #include <mutex>
+#include <string>
 
 #include "host/device/cl.h"
 
@@ -31,6 +32,9 @@ class Device::Impl {
     cl::Device device_;
     cl::CommandQueue queue_;
     DeviceProfile profile_;
+    std::mutex programs_mutex_;
+    std::map<std::string, cl::Program>
+        programs_;  // by key of the kernel cache: built once a context
 
    private:
     std::once_flag probed_;

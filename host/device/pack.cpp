@@ -16,7 +16,8 @@ constexpr size_t kHeaderSize = kMagic.size() + 2 * kHashSize;
 
 /// Refuses whatever could lead out of the folder that the files are written to.
 bool is_safe_path(std::string_view path) {
-    if (path.empty() || path.size() > 1024 || path.front() == '/') return false;
+    if (path.empty() || path.size() > 1024 || path.front() == '/' || path.back() == '/')
+        return false;
     while (!path.empty()) {
         const size_t slash = path.find('/');
         const std::string_view part = path.substr(0, slash);

@@ -120,9 +120,9 @@ std::string binary_of(const cl::Program& program) {
     return {};
 }
 
-cl::Program build(const Device& device, const std::string& name, const std::string& text,
-                  const std::string& options) {
-    KernelCache::Compilation compilation(KernelCache::of_process(), key_of(device, text, options));
+cl::Program compile(const Device& device, const std::string& key, const std::string& name,
+                    const std::string& text, const std::string& options) {
+    KernelCache::Compilation compilation(KernelCache::of_process(), key);
     if (compilation.binary())
         if (auto program = build_binary(device, *compilation.binary(), options)) return *program;
     cl::Program program =
@@ -136,6 +136,19 @@ cl::Program build(const Device& device, const std::string& name, const std::stri
         if (std::string binary = binary_of(program); !binary.empty())
             compilation.keep_binary(std::move(binary));
     return program;
+}
+
+cl::Program build(const Device& device, const std::string& name, const std::string& text,
+                  const std::string& options) {
+    const std::string key = key_of(device, text, options);
+    Device::Impl& impl = device.impl();
+    {
+        std::lock_guard lock(impl.programs_mutex_);
+        if (const auto it = impl.programs_.find(key); it != impl.programs_.end()) return it->second;
+    }
+    cl::Program program = compile(device, key, name, text, options);
+    std::lock_guard lock(impl.programs_mutex_);
+    return impl.programs_.emplace(key, std::move(program)).first->second;
 }
 
 }  // namespace
