@@ -29,28 +29,32 @@ struct Bsdf {
     float int_ior = 1.5046f, ext_ior = 1.000277f;  // dielectric
 };
 
-/// Triangles in object space; normals empty or one a vertex.
+/// Triangles; the geometric normal is that of the winding, cross(p1 - p0, p2 - p0). Shading normals: none (faceted) or one
+/// a vertex, of unit length; they decide what is the front for materials and emission, as in Mitsuba.
 struct Mesh {
     std::vector<std::array<float, 3>> positions, normals;
     std::vector<std::array<uint32_t, 3>> triangles;
 };
 
 /// One shape. rectangle: [-1,1]^2 at z=0, normal +z; cube: [-1,1]^3; sphere: unit at the origin; disk: unit, normal +z.
+/// world_from_object is affine and regular. Rectangles and cubes may be sheared (a parallelogram, a parallelepiped), disks
+/// stretched (an ellipse), spheres only turned and scaled evenly, never mirrored. Normals go by the inverse transpose, so a
+/// mirrored cube's point outwards still.
 struct Shape {
     enum class Type : int { kRectangle, kCube, kSphere, kDisk, kMesh };
     Type type = Type::kRectangle;
     std::string id;
     Matrix4 world_from_object{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
     int bsdf = 0;                            // into Scene::bsdfs
-    bool flip_normals = false;
+    bool flip_normals = false;               // the normal points the other way; never set for meshes, whose data are turned
     bool is_emitter = false;
     Rgb radiance{0, 0, 0};                   // area emitter, from the side that the normal points to
-    Mesh mesh;                               // kMesh only, already transformed to world space; world_from_object is then identity
+    Mesh mesh;                               // kMesh only, in world space, every triangle with an area; world_from_object is identity
 };
 
 struct Scene {
     std::string name;                        // file name without folder and extension
-    std::string hash;                        // XXH3-128 hex over the XML file and every mesh file, in order
+    std::string hash;                        // XXH3-128 hex over the XML file, LoadOptions::defines and every mesh file, in order
     std::vector<Bsdf> bsdfs;
     std::vector<Shape> shapes;
     bool has_environment = false;
@@ -70,15 +74,17 @@ struct Scene {
 
 struct LoadOptions {
     bool ignore_unsupported = false;         // unsupported nodes become warnings instead of errors
-    std::map<std::string, std::string> defines;  // values of <default> names, as Mitsuba's -D
+    std::map<std::string, std::string> defines{};  // values of <default> names, as Mitsuba's -D
 };
 
 /// Reads a scene. A bare name ("cornell") is looked up in PAVE's own scenes folder (PAVE_SCENE_DIR overrides), anything with
-/// a slash or ".xml" is a path. Throws InputError as "file:line: node: reason".
+/// a slash or ".xml" is a path. Throws InputError as "file:line: node: reason", UsageError for a define that the file lacks.
 Scene load_scene(const std::string& path_or_name, const LoadOptions& options = {});
 
 /// `count` views on the hemisphere around `scene`'s centre on the side of its camera, all looking at the centre, as in the
-/// papers. Deterministic in `seed`; view i does not depend on `count`... of views after it. See views.cpp for the distribution.
+/// papers: evenly over the directions up to 45 degrees off the line from centre to camera, at the camera's distance and with
+/// its field of view. Deterministic in `seed`; view i is the same for every `count` > i. Throws UsageError for a camera in
+/// the centre.
 std::vector<View> hemisphere_views(const Scene& scene, int count, uint64_t seed);
 
 }  // namespace pave

@@ -1,0 +1,14 @@
+// Camera, film, sampler and integrator of the scene file.
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "host/scene/xml.h"
+
+namespace pave {
+
+/// Fills view, width, height and spp.
+void read_sensor(SceneFile& file, pugi::xml_node node, Scene& scene);
+/// Fills max_depth and rr_depth.
+void read_integrator(SceneFile& file, pugi::xml_node node, Scene& scene);
+
+}  // namespace pave
