@@ -51,10 +51,11 @@ def read_history(folder: Path) -> list[Row]:
 class RunLog:
     """Follows one run. Rows of epochs after the checkpoint that a run resumes from are taken back."""
 
-    def __init__(self, folder: Path, history: list[Row], tensorboard: bool = True) -> None:
+    def __init__(self, folder: Path, history: list[Row], figures: bool = True) -> None:
         self.folder, self.history = folder, history
+        self.figures = figures
         self._writer: Any = None
-        if tensorboard:
+        if figures:
             from torch.utils.tensorboard import SummaryWriter
 
             purge = int(history[-1]["step"]) + 1 if history else 0
@@ -84,7 +85,7 @@ class RunLog:
         if self._writer is not None:
             self._writer.close()
             self._writer = None
-        if self.history:
+        if self.history and self.figures:
             from pave.plots import loss_figure, to_png
 
             write_atomic(self.folder / LOSS_FIGURE, to_png(loss_figure(self.history)))

@@ -82,7 +82,9 @@ def _stack(images: Sequence[torch.Tensor]) -> torch.Tensor:
 def epoch_order(count: int, batch: int, seed: int, epoch: int) -> list[torch.Tensor]:
     """Indices of each batch of one epoch: a permutation that depends on seed and epoch alone, so that a resumed run
     finds its place. A last batch that would be short is left out, unless it is the only one."""
-    generator = torch.Generator().manual_seed((seed << 32) ^ epoch)
+    # torch's generator looks at the low 32 bits of a seed alone: both numbers have to be in them.
+    key = (seed * 0x9E3779B1 + epoch) & 0xFFFFFFFF
+    generator = torch.Generator().manual_seed(key)
     order = torch.randperm(count, generator=generator)
     if count < batch:
         return [order]

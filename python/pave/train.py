@@ -73,12 +73,12 @@ def train(
     *,
     provenance: dict[str, Any] | None = None,
     on_progress: Progress | None = None,
-    tensorboard: bool = True,
+    figures: bool = True,
 ) -> TrainResult:
     """Trains on `data`, a data set's URI or its (train, validation) splits, into `folder`.
 
     Goes on from the folder's last checkpoint if there is one. `provenance` is any JSON about the data and is kept with the
-    weights. `on_progress(record)` is called every few steps; if it returns False the run stops after a checkpoint. Raises
+    weights. Without `figures` the TensorBoard files and loss.png are left out. `on_progress(record)` is called every few steps; if it returns False the run stops after a checkpoint. Raises
     UsageError if the folder holds a run of other options or data, InputError for broken data, RunError if the run cannot go
     on.
     """
@@ -91,7 +91,7 @@ def train(
     folder = Path(folder)
     make_folder(folder)
     with torch_settings(options):
-        run = TrainingRun(data, folder, options, provenance or {}, on_progress, tensorboard)
+        run = TrainingRun(data, folder, options, provenance or {}, on_progress, figures)
         try:
             version = run.execute()
         finally:

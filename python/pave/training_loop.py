@@ -57,7 +57,7 @@ class TrainingRun:
         options: TrainOptions,
         provenance: dict[str, Any],
         on_progress: Progress | None,
-        tensorboard: bool,
+        figures: bool,
     ) -> None:
         self.seconds = dict.fromkeys(("load", "train", "validate", "checkpoint", "export"), 0.0)
         self.folder, self.options, self.on_progress = folder, options, on_progress
@@ -86,7 +86,7 @@ class TrainingRun:
             history = self._load(state)
         self.resumed_from = self.trainer.step_index
         self.begin = self.saved_at = time.monotonic()
-        self.log = RunLog(folder, history, tensorboard)
+        self.log = RunLog(folder, history, figures)
 
     @contextlib.contextmanager
     def clock(self, stage: str) -> Iterator[None]:
