@@ -183,7 +183,7 @@ def _comparison(sample: Sample, images: Mapping[str, torch.Tensor], label: str) 
     difference = plots.difference_pixels(generated, truth, DIFFERENCE_GAIN)
     note = f"of path traced and generated, x {DIFFERENCE_GAIN:g}"
     pictures.append(("difference", note, difference))
-    box = _busiest_box(plots.display_pixels(truth))
+    box = _busiest_box(truth)
     top, left, side = box
     height, width = difference.shape[:2]
     cells = [
@@ -206,14 +206,16 @@ def _note(image: torch.Tensor, truth: torch.Tensor) -> str:
     return score
 
 
-def _busiest_box(pixels: np.ndarray) -> tuple[int, int, int]:
-    """(top, left, side) of the quarter-size square with the most contrast: edges and shadows, not a blank wall."""
-    grey = pixels.astype(np.float64).mean(-1)
+def _busiest_box(truth: torch.Tensor) -> tuple[int, int, int]:
+    """(top, left, side) of the quarter-size square with the most contrast, lamps apart: edges and shadows, no blank wall."""
+    lamp = (truth >= 1).all(0).numpy()
+    grey = plots.display_pixels(truth).astype(np.float64).mean(-1)
     side = max(8, min(grey.shape) // 4)
     best, place = -1.0, (0, 0)
-    for top in range(0, grey.shape[0] - side + 1, max(side // 2, 1)):
-        for left in range(0, grey.shape[1] - side + 1, max(side // 2, 1)):
-            spread = float(grey[top : top + side, left : left + side].std())
+    for top in range(0, grey.shape[0] - side + 1, max(side // 4, 1)):
+        for left in range(0, grey.shape[1] - side + 1, max(side // 4, 1)):
+            window = np.s_[top : top + side, left : left + side]
+            spread = -0.5 if lamp[window].any() else float(grey[window].std())
             if spread > best:
                 best, place = spread, (top, left)
     return place[0], place[1], side
