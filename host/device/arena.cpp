@@ -1,5 +1,6 @@
 // Pinned arenas and their slots as OpenCL buffers, on devices that share the host's memory and on
 // those that do not. SPDX-License-Identifier: BSD-3-Clause
+#include <cstdio>
 #include <cstdlib>
 #include <cstring>
 #include <memory>
@@ -11,6 +12,60 @@
 namespace pave {
 namespace {
 
+/// The memory of an arena. Shared with whatever in the driver still works on it (commands on their
+/// way, buffers that others retained), because the arena itself does not wait for those when it
+/// goes.
+class Storage {
+   public:
+    Storage(const cl::Context& context, const cl::CommandQueue& queue, bool pinned,
+            size_t byte_size)
+        : queue_(queue) {
+        if (pinned && map_pinned(context, byte_size)) return;
+        pages_ = std::make_unique<HostPages>(byte_size);
+        data_ = pages_->data();
+    }
+    ~Storage() {
+        if (pinned_() != nullptr) unmap();
+    }
+    Storage(const Storage&) = delete;
+    Storage& operator=(const Storage&) = delete;
+    std::byte* data() { return data_; }
+
+   private:
+    bool map_pinned(const cl::Context& context, size_t byte_size) {
+        pinned_ = cl::Buffer(context, CL_MEM_ALLOC_HOST_PTR, byte_size);
+        data_ = static_cast<std::byte*>(
+            queue_.enqueueMapBuffer(pinned_, CL_TRUE, CL_MAP_READ | CL_MAP_WRITE, 0, byte_size));
+        if (reinterpret_cast<uintptr_t>(data_) % kChannelAlignment == 0) {
+            std::memset(data_, 0, byte_size);
+            return true;
+        }
+        unmap();
+        pinned_ = cl::Buffer();
+        return false;
+    }
+    void unmap() noexcept {
+        try {
+            queue_.enqueueUnmapMemObject(pinned_, data_);
+        } catch (const cl::Error& error) {
+            std::fprintf(stderr, "pave: %s: %s\n", error.what(), cl_code_name(error.err()).c_str());
+        }
+    }
+
+    cl::CommandQueue queue_;
+    std::unique_ptr<HostPages> pages_;
+    cl::Buffer pinned_;
+    std::byte* data_ = nullptr;
+};
+
+using SharedStorage = std::shared_ptr<Storage>;
+void CL_CALLBACK drop_with_buffer(cl_mem, void* storage) {
+    delete static_cast<SharedStorage*>(storage);
+}
+void CL_CALLBACK drop_with_event(cl_event, cl_int, void* storage) {
+    delete static_cast<SharedStorage*>(storage);
+}
+
 /// One OpenCL buffer a slot, made when it is first asked for: the arena may be larger than the
 /// largest allocation.
 class DeviceArena final : public Arena {
@@ -19,22 +74,20 @@ class DeviceArena final : public Arena {
                 size_t max_alloc_byte_size, size_t slot_byte_size, int slots)
         : context_(context), queue_(queue), access_(access), slot_byte_size_(slot_byte_size) {
         const size_t byte_size = slot_byte_size * static_cast<size_t>(slots);
-        if (access == SlotAccess::kTwin && byte_size <= max_alloc_byte_size) {
-            map_pinned(byte_size);
-        } else {
-            pages_ = std::make_unique<HostPages>(byte_size);
-            data_ = pages_->data();
-        }
+        const bool pinned = access == SlotAccess::kTwin && byte_size <= max_alloc_byte_size;
+        storage_ = std::make_shared<Storage>(context, queue, pinned, byte_size);
+        data_ = storage_->data();
         slots_.resize(static_cast<size_t>(slots));
     }
     ~DeviceArena() override {
-        try {
-            for (Slot& slot : slots_)
-                if (slot.mapped != nullptr) queue_.enqueueUnmapMemObject(slot.buffer, slot.mapped);
-            if (pinned_() != nullptr) queue_.enqueueUnmapMemObject(pinned_, data_);
-            queue_.finish();  // host memory may not go while a command still uses it
-        } catch (const cl::Error&) {
-            // The driver is already gone; its memory is too.
+        for (Slot& slot : slots_) {
+            if (slot.mapped == nullptr) continue;
+            try {
+                queue_.enqueueUnmapMemObject(slot.buffer, slot.mapped);
+            } catch (const cl::Error& error) {
+                std::fprintf(stderr, "pave: %s: %s\n", error.what(),
+                             cl_code_name(error.err()).c_str());
+            }
         }
     }
     DeviceArena(const DeviceArena&) = delete;
@@ -52,7 +105,10 @@ class DeviceArena final : public Arena {
         std::lock_guard lock(mutex_);
         Slot& slot = find(frame);
         if (access_ == SlotAccess::kTwin) {
-            queue.enqueueWriteBuffer(slot.buffer, CL_FALSE, 0, slot_byte_size_, frame.slot()->data);
+            cl::Event event;
+            queue.enqueueWriteBuffer(slot.buffer, CL_FALSE, 0, slot_byte_size_, frame.slot()->data,
+                                     nullptr, &event);
+            event.setCallback(CL_COMPLETE, drop_with_event, new SharedStorage(storage_));
         } else if (slot.mapped != nullptr) {
             queue.enqueueUnmapMemObject(slot.buffer, slot.mapped);
             slot.mapped = nullptr;
@@ -62,14 +118,16 @@ class DeviceArena final : public Arena {
         cl::Event event;
         std::lock_guard lock(mutex_);
         Slot& slot = find(frame);
-        if (access_ == SlotAccess::kTwin)
+        if (access_ == SlotAccess::kTwin) {
             queue.enqueueReadBuffer(slot.buffer, CL_FALSE, 0, slot_byte_size_, frame.slot()->data,
                                     nullptr, &event);
-        else if (access_ == SlotAccess::kMapped && slot.mapped == nullptr)
+            event.setCallback(CL_COMPLETE, drop_with_event, new SharedStorage(storage_));
+        } else if (access_ == SlotAccess::kMapped && slot.mapped == nullptr) {
             slot.mapped = queue.enqueueMapBuffer(slot.buffer, CL_FALSE, CL_MAP_READ | CL_MAP_WRITE,
                                                  0, slot_byte_size_, nullptr, &event);
-        else
+        } else {
             queue.enqueueMarkerWithWaitList(nullptr, &event);
+        }
         return event;
     }
 
@@ -79,28 +137,18 @@ class DeviceArena final : public Arena {
         void* mapped = nullptr;  // kMapped: the host may look at the slot
     };
 
-    void map_pinned(size_t byte_size) {
-        pinned_ = cl::Buffer(context_, CL_MEM_ALLOC_HOST_PTR, byte_size);
-        data_ = static_cast<std::byte*>(
-            queue_.enqueueMapBuffer(pinned_, CL_TRUE, CL_MAP_READ | CL_MAP_WRITE, 0, byte_size));
-        if (reinterpret_cast<uintptr_t>(data_) % kChannelAlignment != 0) {
-            queue_.enqueueUnmapMemObject(pinned_, data_);
-            pinned_ = cl::Buffer();
-            pages_ = std::make_unique<HostPages>(byte_size);
-            data_ = pages_->data();
-            return;
-        }
-        std::memset(data_, 0, byte_size);
-    }
     /// The slot of `frame`, with its buffer. Call with mutex_ held.
     Slot& find(const Frame& frame) {
         const size_t byte_offset = static_cast<size_t>(frame.slot()->data - data_);
         Slot& slot = slots_.at(byte_offset / slot_byte_size_);
         if (slot.buffer() == nullptr) {
-            const bool over_host = access_ != SlotAccess::kTwin;
-            slot.buffer = cl::Buffer(
-                context_, CL_MEM_READ_WRITE | (over_host ? CL_MEM_USE_HOST_PTR : cl_mem_flags{0}),
-                slot_byte_size_, over_host ? frame.slot()->data : nullptr);
+            if (access_ == SlotAccess::kTwin) {
+                slot.buffer = cl::Buffer(context_, CL_MEM_READ_WRITE, slot_byte_size_);
+            } else {
+                slot.buffer = cl::Buffer(context_, CL_MEM_READ_WRITE | CL_MEM_USE_HOST_PTR,
+                                         slot_byte_size_, frame.slot()->data);
+                slot.buffer.setDestructorCallback(drop_with_buffer, new SharedStorage(storage_));
+            }
         }
         return slot;
     }
@@ -109,8 +157,7 @@ class DeviceArena final : public Arena {
     cl::CommandQueue queue_;
     SlotAccess access_;
     size_t slot_byte_size_;
-    std::unique_ptr<HostPages> pages_;
-    cl::Buffer pinned_;
+    SharedStorage storage_;
     std::byte* data_ = nullptr;
     std::mutex mutex_;
     std::vector<Slot> slots_;

@@ -55,30 +55,34 @@ struct BuildFault {
 };
 
 /// The first error of a compiler's log. Clang-based drivers write "file:57:3: error: text", with or
-/// without a leading "error: "; whatever has no such line is given back as its first line.
-BuildFault first_fault(const std::string& log, const std::string& name) {
+/// without a leading "error: "; drivers that do not heed #line write a name of their own. A log
+/// without such a line gives its first line.
+BuildFault first_fault(const std::string& log, const std::string& name, const std::string& text) {
     static const std::regex kPlace(
-        R"(([A-Za-z0-9_.+-]+):(\d+)(?::\d+)?:\s*(?:fatal )?(?:error:)?\s*(.*))");
+        R"(([A-Za-z0-9_.+<>-]*):(\d{1,8})(?::\d+)?:\s*(?:fatal )?(?:error:)?\s*(.*))");
     std::istringstream lines(log);
     std::string line, first_line;
     while (std::getline(lines, line)) {
         if (first_line.empty()) first_line = line;
         std::smatch match;
-        if (line.find("error") != std::string::npos && std::regex_search(line, match, kPlace))
-            return {match[1].str() + ":" + match[2].str(), match[3].str()};
+        if (line.find("error") == std::string::npos || !std::regex_search(line, match, kPlace))
+            continue;
+        SourcePlace place{match[1].str(), std::stoi(match[2].str())};
+        if (!has_file(text, place.file)) place = place_of_line(text, place.line);
+        return {place.file + ":" + std::to_string(place.line), match[3].str()};
     }
     return {name, first_line.empty() ? "the driver gave no log" : first_line};
 }
 
 [[noreturn]] void throw_build_error(const cl::Program& program, const Device& device,
-                                    const std::string& name, cl_int code) {
+                                    const std::string& name, const std::string& text, cl_int code) {
     std::string log;
     try {
         log = program.getBuildInfo<CL_PROGRAM_BUILD_LOG>(device_of(device));
     } catch (const cl::Error&) {
         log.clear();  // a driver that fails even here still gets its code reported
     }
-    const BuildFault fault = first_fault(log, name);
+    const BuildFault fault = first_fault(log, name, text);
     std::string hint;
     const std::filesystem::path cache = KernelCache::of_process().folder().path;
     if (!cache.empty() && write_file_whole(cache / kLogName, log))
@@ -130,7 +134,7 @@ cl::Program compile(const Device& device, const std::string& key, const std::str
     try {
         program.build({device_of(device)}, options.c_str());
     } catch (const cl::Error& error) {
-        throw_build_error(program, device, name, error.err());
+        throw_build_error(program, device, name, text, error.err());
     }
     if (!compilation.end())
         if (std::string binary = binary_of(program); !binary.empty())

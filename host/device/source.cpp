@@ -14,8 +14,6 @@
 
 namespace pave {
 
-const std::map<std::string, std::string_view>& embedded_kernels();
-
 namespace {
 
 /// Where kernels are read from instead of the library, or "".
@@ -97,6 +95,32 @@ std::string assemble_text(const std::string& name, const std::string& text) {
 
 std::string assemble_source(const std::string& file) {
     return assemble_text(file, read_kernel_file(file));
+}
+
+SourcePlace place_of_line(const std::string& assembled, int line) {
+    std::istringstream lines(assembled);
+    std::string text;
+    SourcePlace place;
+    for (int number = 1; number <= line && std::getline(lines, text); ++number) {
+        int marked = 0;
+        if (std::sscanf(text.c_str(), "#line %d", &marked) == 1) {
+            const size_t quote = text.find('"');
+            place = {text.substr(quote + 1, text.rfind('"') - quote - 1), marked - 1};
+        } else {
+            ++place.line;
+        }
+    }
+    return place;
+}
+
+bool has_file(const std::string& assembled, const std::string& file) {
+    const std::string name = " \"" + file + "\"\n";
+    for (size_t at = assembled.find(name); at != std::string::npos;
+         at = assembled.find(name, at + 1)) {
+        const size_t begin = assembled.rfind('\n', at) + 1;  // npos + 1 is 0
+        if (assembled.compare(begin, 6, "#line ") == 0) return true;
+    }
+    return false;
 }
 
 std::string xxh3_hex(std::string_view bytes) {

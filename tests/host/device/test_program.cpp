@@ -4,6 +4,7 @@
 
 #include <cmath>
 
+#include "host/device/source.h"
 #include "tests/host/device/environment.h"
 #include "tests/host/device/saxpy.h"
 
@@ -156,15 +157,35 @@ TEST_F(Program, UnknownKernelListsThoseThereAre) {
     }
 }
 
+TEST(Source, LinesAreFoundWithoutTheirMarks) {
+    TemporaryFolder folder;
+    ScopedVariable kernels("PAVE_KERNEL_DIR", folder.path().c_str());
+    write_text(folder.path() / "a.cl", "// a 1\n#include \"b.h\"\n// a 3\n// a 4\n");
+    write_text(folder.path() / "b.h", "// b 1\n// b 2");
+    const std::string text = assemble_source("a.cl");
+    std::istringstream lines(text);
+    std::string line;
+    int found = 0;
+    for (int number = 1; std::getline(lines, line); ++number) {
+        if (line.rfind("// ", 0) != 0) continue;
+        const SourcePlace place = place_of_line(text, number);
+        EXPECT_EQ(line, "// " + place.file.substr(0, 1) + " " + std::to_string(place.line));
+        ++found;
+    }
+    EXPECT_EQ(found, 5);
+    EXPECT_TRUE(has_file(text, "a.cl") && has_file(text, "b.h"));
+    EXPECT_FALSE(has_file(text, "input.cl") || has_file(text, ""));
+}
+
 TEST(EmbeddedKernels, AllOfThemAssemble) {
     ScopedVariable unset("PAVE_KERNEL_DIR", nullptr);
     int count = 0;
-    for (const auto& entry : std::filesystem::directory_iterator(PAVE_SOURCE_DIR "/kernels")) {
-        if (entry.path().extension() != ".cl") continue;
-        const std::string name = entry.path().filename().string();
+    for (const auto& [name, bytes] : embedded_kernels()) {
+        if (!name.ends_with(".cl")) continue;
         const std::string text = assemble_source(name);
-        EXPECT_NE(text.find("#line 1 \"" + name + "\"\n"), std::string::npos);
+        EXPECT_TRUE(has_file(text, name));
         EXPECT_EQ(text.find("#include \""), std::string::npos) << name;
+        EXPECT_GE(text.size(), bytes.size());
         ++count;
     }
     EXPECT_GT(count, 0);
