@@ -59,7 +59,7 @@ void bind_device(nb::module_& module) {
     bind_profile(module);
     nb::class_<Device>(module, "Device")
         .def_static("select", &Device::select, nb::arg("spec"), Released())
-        .def_static("list", &Device::list, Released())
+        .def_static("list_all", &Device::list, Released())
         .def_static(
             "from_handles",
             [](uintptr_t context, uintptr_t device, uintptr_t queue) {

@@ -2,6 +2,7 @@
 // takes it back between launches, for progress and signals. SPDX-License-Identifier: BSD-3-Clause
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/map.h>
+#include <nanobind/stl/pair.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
@@ -9,6 +10,7 @@
 #include <exception>
 #include <map>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "bindings.h"
@@ -151,7 +153,7 @@ void bind_generator(nb::module_& module) {
             [](const Generator& generator, int width, int height) {
                 size_t unplanned = 0;
                 const size_t planned = generator.planned_byte_size(width, height, &unplanned);
-                return nb::make_tuple(planned, unplanned);
+                return std::make_pair(planned, unplanned);
             },
             nb::arg("width"), nb::arg("height"));
 }

@@ -94,13 +94,16 @@ def commit() -> str:
 
 
 def hash_bytes(data: Any) -> str:
-    """XXH3-128 of any contiguous buffer, bytes or numpy array, as 32 hex digits (what `xxhsum -H2`
-    prints).
+    """XXH3-128 of any contiguous buffer, bytes or numpy array, as 32 hex digits.
 
-    The one hash of PAVE's files: it finds damage, it is no defence against forgery. Raises
-    BufferError for an array with gaps. The interpreter lock is free meanwhile.
+    The one hash of PAVE's files (what `xxhsum -H2` prints): it finds damage, it is no defence
+    against forgery. The interpreter lock is free meanwhile. Raises UsageError for anything that is
+    no buffer or has gaps.
     """
-    return _pave.hash_bytes(data)
+    try:
+        return _pave.hash_bytes(data)
+    except (BufferError, TypeError, ValueError) as error:
+        raise UsageError(f"hash_bytes takes a contiguous buffer: {error}") from error
 
 
 def __getattr__(name: str) -> Any:

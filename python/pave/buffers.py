@@ -18,6 +18,7 @@ from collections.abc import Iterator, MutableMapping
 from typing import TYPE_CHECKING, Any
 
 from pave import _pave
+from pave.checks import whole
 from pave.device import Device, raw_device_or_host
 from pave.errors import UsageError
 from pave.scene import View
@@ -369,7 +370,9 @@ def make_frame(
 
     Raises UsageError for a bad size or channel, DeviceError if the device has not the memory.
     """
-    schema = _pave.make_schema(width, height, channel_planes(channels))
+    schema = _pave.make_schema(
+        whole("width", width), whole("height", height), channel_planes(channels)
+    )
     raw = raw_device_or_host(device)
     return Frame(_pave.make_frame(schema) if raw is None else raw.make_frame(schema), device)
 
@@ -384,7 +387,7 @@ def channel_planes(channels: Any) -> list[tuple[str, int]]:
     for channel in channels:
         if not isinstance(channel, str):
             name, planes = channel
-            pairs.append((str(name), int(planes)))
+            pairs.append((str(name), whole(f"planes of '{name}'", planes)))
             continue
         planes = _pave.known_channel_planes(channel)
         if planes == 0:

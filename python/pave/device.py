@@ -51,7 +51,7 @@ def devices() -> list[DeviceProfile]:
 
     Raises DeviceError, with the package to install, if there is no platform.
     """
-    return [_profile(raw) for raw in _pave.Device.list()]
+    return [_profile(raw) for raw in _pave.Device.list_all()]
 
 
 class Device:

@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from pave import _pave
+from pave.checks import INT64_MAX, UINT64_MAX, whole
 from pave.device import Device, raw_device
 from pave.errors import UsageError
 
@@ -161,9 +162,9 @@ def hemisphere_views(scene: Scene, n: int, seed: int = 0) -> list[View]:
 
     Deterministic: view i depends on `seed` and i alone. Raises UsageError for n < 0.
     """
-    if n < 0:
-        raise UsageError(f"hemisphere_views: n must be 0 or more, not {n}")
-    return [View.from_raw(raw) for raw in _pave.hemisphere_views(scene._scene, n, seed)]
+    count = whole("number of views", n, 0)
+    views = _pave.hemisphere_views(scene._scene, count, whole("seed", seed, 0, UINT64_MAX))
+    return [View.from_raw(raw) for raw in views]
 
 
 class _OneAtATime:
@@ -240,14 +241,14 @@ class Renderer:
             self._renderer.render(
                 (scene.view if view is None else view)._view,
                 frame._frame,
-                spp=scene.spp if spp is None else spp,
-                max_depth=scene.max_depth if max_depth is None else max_depth,
-                rr_depth=scene.rr_depth if rr_depth is None else rr_depth,
-                seed=seed,
-                frame_index=index,
-                tile_rows=tile_rows,
-                work_group_size=work_group_size,
-                lane_width=lane_width,
+                spp=whole("spp", scene.spp if spp is None else spp),
+                max_depth=whole("max_depth", scene.max_depth if max_depth is None else max_depth),
+                rr_depth=whole("rr_depth", scene.rr_depth if rr_depth is None else rr_depth),
+                seed=whole("seed", seed, 0, UINT64_MAX),
+                frame_index=whole("frame_index", index, 0, INT64_MAX),
+                tile_rows=whole("tile_rows", tile_rows),
+                work_group_size=whole("work_group_size", work_group_size),
+                lane_width=whole("lane_width", lane_width),
                 progress=progress,
             )
         _count_transfers(raw, frame, len(frame))
@@ -320,4 +321,4 @@ class Generator:
 
     def planned_byte_size(self, width: int, height: int) -> tuple[int, int]:
         """Bytes of activations for this size: with the plan's reuse, and without."""
-        return self._generator.planned_byte_size(width, height)
+        return self._generator.planned_byte_size(whole("width", width), whole("height", height))

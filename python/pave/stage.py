@@ -17,6 +17,7 @@ from typing import Any
 
 from pave import _pave
 from pave.buffers import Frame, Metadata, channel_planes
+from pave.checks import seconds, whole
 from pave.device import Device, raw_device_or_host
 from pave.errors import Error, UsageError
 
@@ -109,22 +110,20 @@ class Stage:
     ) -> None:
         if policy not in _POLICIES:
             raise UsageError(f"unknown policy '{policy}'; there are {', '.join(_POLICIES)}")
-        if not 0 <= timeout <= 1e9:
-            raise UsageError(f"a timeout of {timeout} s is outside 0..1e9")
         self.device: Device | None = device
         self.uri: str = uri
         self._pid = os.getpid()
         self._stage = _pave.Stage(
             device=raw_device_or_host(device),
             uri=uri,
-            width=width,
-            height=height,
+            width=whole("width", width),
+            height=whole("height", height),
             channels=channel_planes(channels),
-            slots=slots,
+            slots=whole("slots", slots),
             policy=_POLICIES[policy],
-            timeout_ms=int(timeout * 1000),
+            timeout_ms=seconds("timeout", timeout),
             resume=resume,
-            frames_per_shard=frames_per_shard,
+            frames_per_shard=whole("frames_per_shard", frames_per_shard),
             exr_names=exr_names,
             trace=None if trace is None else trace._trace,
         )
@@ -284,7 +283,7 @@ class Source:
         mem: takes it out of the store, so that its slot is free when the caller lets go, and waits
         for one while the stage is open; raises PeerError after `timeout` seconds.
         """
-        raw = self._open().next(int(timeout * 1000), raw_device_or_host(self.device))
+        raw = self._open().next(seconds("timeout", timeout), raw_device_or_host(self.device))
         return None if raw is None else Frame(raw, self.device)
 
     def close(self) -> None:
