@@ -11,8 +11,8 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-SOURCES = ("*.cpp", "*.h", "*.cl", "*.py", "*.sh", "*.cmake", "CMakeLists.txt", "pave", "*.toml")
-CODE = {".cpp", ".h", ".cl", ".py"}
+SOURCES = ("*.cpp", "*.c", "*.h", "*.cl", "*.py", "*.sh", "*.cmake", "CMakeLists.txt", "pave", "*.toml")
+CODE = {".cpp", ".c", ".h", ".cl", ".py"}
 
 # What a line of code may not hold, where, and why.
 RULES = [
@@ -80,7 +80,7 @@ def tool(*command: str) -> bool:
 
 def main() -> int:
     paths = files()
-    cpp = [p for p in paths if p.suffix in (".cpp", ".h") and "kernels" not in p.parts]
+    cpp = [p for p in paths if p.suffix in (".cpp", ".c", ".h") and "kernels" not in p.parts]
     checks = {
         "rules": own_rules(paths),
         "clang-format": clang_format(cpp),

@@ -39,13 +39,15 @@ class Outcome:
         return [json.loads(line) for line in self.out.splitlines()]
 
 
-def pave(*arguments: Any, cwd: Path | None = None, **changes: str | None) -> Outcome:
-    """Runs `pave ARGUMENTS`. Keyword arguments are environment variables."""
+def pave(
+    *arguments: Any, cwd: Path | None = None, limit_s: float = LIMIT_S, **changes: str | None
+) -> Outcome:
+    """Runs `pave ARGUMENTS`. Other keyword arguments are environment variables."""
     done = subprocess.run(
         [*PAVE, *map(str, arguments)],
         capture_output=True,
         text=True,
-        timeout=LIMIT_S,
+        timeout=limit_s,
         cwd=cwd,
         env=environment(**changes),
     )
