@@ -3,9 +3,11 @@
 #include "staging/bp.h"
 
 #include <adios2.h>
+#include <unistd.h>
 
 #include <chrono>
 #include <mutex>
+#include <vector>
 
 namespace pave {
 namespace {
@@ -28,6 +30,29 @@ class AdiosLock {
     std::unique_lock<std::timed_mutex> lock_;
 };
 
+/// What ADIOS2 threw, as one plain line: it comes with a time, colours, its own stack and a second
+/// line.
+std::string plain_reason(std::string text) {
+    for (size_t escape = 0; (escape = text.find('\033')) != std::string::npos;)
+        text.erase(escape, text.find('m', escape) - escape + 1);
+    text = text.substr(0, text.find('\n'));
+    const size_t stack_end = text.rfind("> : ");
+    return "ADIOS2 " + (stack_end == std::string::npos ? text : text.substr(stack_end + 4));
+}
+
+/// Runs one piece of work with ADIOS2, alone, and makes RunErrors of what it throws.
+template <typename Work>
+void with_adios(Work work) {
+    const AdiosLock lock;
+    try {
+        work();
+    } catch (const Error&) {
+        throw;
+    } catch (const std::exception& error) {
+        throw RunError(plain_reason(error.what()));
+    }
+}
+
 adios2::Dims shape_of(const FrameSchema& schema, const Channel& channel) {
     return {static_cast<size_t>(channel.planes), static_cast<size_t>(schema.height()),
             static_cast<size_t>(schema.width())};
@@ -45,8 +70,7 @@ class BpWriter::Impl {
         io_.SetParameters({{"AsyncOpen", "Off"},
                            {"AsyncWrite", "Off"},
                            {"NumAggregators", "1"},
-                           {"StatsLevel", "0"},
-                           {"Profile", "Off"}});
+                           {"StatsLevel", "0"}});
         define(schema);
         engine_ = io_.Open(path.string(), adios2::Mode::Write);
     }
@@ -76,9 +100,22 @@ class BpWriter::Impl {
     }
 
     void close() {
+        // BP5 knows no way to leave out this file, which holds times of the run and may meet a full
+        // disk.
+        std::error_code ignored;
+        fs::create_symlink("/dev/null", path_ / "profiling.json", ignored);
         engine_.Close();
-        engine_ = {};
-        fs::remove(path_ / "profiling.json");  // times of this run
+        is_closed_ = true;
+        fs::remove(path_ / "profiling.json");
+    }
+
+    bool is_closed() const { return is_closed_; }
+    /// Frees the disk space of an unfinished folder whose files are still open.
+    void empty_files() const noexcept {
+        std::error_code error;
+        for (fs::directory_iterator file(path_, error), end; !error && file != end;
+             file.increment(error))
+            if (truncate(file->path().c_str(), 0) != 0) continue;
     }
 
    private:
@@ -118,23 +155,32 @@ class BpWriter::Impl {
     adios2::Engine engine_;
     std::vector<adios2::Variable<float>> channels_;
     adios2::Variable<float> camera_;
+    bool is_closed_ = false;
 };
 
 BpWriter::BpWriter(const fs::path& path, const FrameSchema& schema) {
-    const AdiosLock lock;
-    impl_ = std::make_unique<Impl>(path, schema);
+    with_adios([&] { impl_ = std::make_unique<Impl>(path, schema); });
 }
 BpWriter::~BpWriter() {
+    if (!impl_->is_closed()) {
+        // The destructor of an ADIOS2 writer that failed writes again, and what it then throws ends
+        // the process (seen with 2.12.1 on a full disk). Such a writer is never destroyed: this
+        // list lives as long as the process.
+        static auto& failed = *new std::vector<std::unique_ptr<Impl>>;
+        static std::mutex mutex;
+        const std::lock_guard lock(mutex);
+        impl_->empty_files();
+        failed.push_back(std::move(impl_));
+        return;
+    }
     const AdiosLock lock;
     impl_.reset();
 }
 void BpWriter::put(const Frame& frame) {
-    const AdiosLock lock;
-    impl_->put(frame);
+    with_adios([&] { impl_->put(frame); });
 }
 void BpWriter::close() {
-    const AdiosLock lock;
-    impl_->close();
+    with_adios([&] { impl_->close(); });
 }
 
 class BpReader::Impl {
@@ -169,16 +215,14 @@ class BpReader::Impl {
 };
 
 BpReader::BpReader(const fs::path& path, const FrameSchema& schema, size_t frames) {
-    const AdiosLock lock;
-    impl_ = std::make_unique<Impl>(path, schema, frames);
+    with_adios([&] { impl_ = std::make_unique<Impl>(path, schema, frames); });
 }
 BpReader::~BpReader() {
     const AdiosLock lock;
     impl_.reset();
 }
 void BpReader::get(size_t step, Frame& frame) {
-    const AdiosLock lock;
-    impl_->get(step, frame);
+    with_adios([&] { impl_->get(step, frame); });
 }
 
 }  // namespace pave

@@ -21,7 +21,7 @@ class BpSource final : public FileSource {
         const Block* block;
         std::unique_ptr<BpReader> reader;
     };
-    void decode(const Block& block, size_t step, Frame& frame) override {
+    Frame decode(const Block& block, size_t step, ArenaAllocator& allocator) override {
         auto found = std::find_if(open_.begin(), open_.end(),
                                   [&](const OpenShard& shard) { return shard.block == &block; });
         if (found == open_.end()) {
@@ -31,7 +31,9 @@ class BpSource final : public FileSource {
             open_.push_back({&block, std::move(reader)});
             found = std::prev(open_.end());
         }
+        Frame frame = make_frame(schema(), allocator);
         found->reader->get(step, frame);
+        return frame;
     }
 
     std::deque<OpenShard> open_;  // oldest first

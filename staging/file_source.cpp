@@ -42,10 +42,10 @@ Frame FileSource::read(int64_t position, ArenaAllocator& allocator) {
         verify_block(root_, block);
         verified_[at.block] = true;
     }
-    Frame frame = make_frame(schema(), allocator);
+    Frame frame;
     try {
-        decode(block, at.step, frame);
-    } catch (const Error&) {
+        frame = decode(block, at.step, allocator);
+    } catch (const InputError&) {
         throw;
     } catch (const std::exception& error) {
         throw InputError((root_ / block.name).string() + " cannot be read: " + error.what());

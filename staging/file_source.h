@@ -25,7 +25,7 @@ class FileSource : public Source {
 
    protected:
     /// Pixels of frame `step` of `block`, whose bytes are verified. Throws anything.
-    virtual void decode(const Block& block, size_t step, Frame& frame) = 0;
+    virtual Frame decode(const Block& block, size_t step, ArenaAllocator& allocator) = 0;
     const fs::path& root() const { return root_; }
     const Manifest& manifest() const { return manifest_; }
 

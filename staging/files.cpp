@@ -63,6 +63,12 @@ void File::truncate(uint64_t byte_size) {
         throw_errno("truncate", path_);
 }
 
+bool File::is_at_path() const {
+    struct stat here, there;
+    return ::fstat(descriptor_, &here) == 0 && ::stat(path_.c_str(), &there) == 0 &&
+           here.st_dev == there.st_dev && here.st_ino == there.st_ino;
+}
+
 bool File::try_lock() {
     int result = 0;
     do result = ::flock(descriptor_, LOCK_EX | LOCK_NB);
@@ -84,17 +90,15 @@ void rename_durable(const fs::path& from, const fs::path& to) {
 }
 
 bool make_folder(const fs::path& path) {
-    if (::mkdir(path.c_str(), 0777) == 0) {
-        sync_path(path.parent_path());
-        return true;
+    if (fs::is_directory(path)) return false;
+    if (fs::exists(path)) throw UsageError(path.string() + " exists and is not a folder");
+    if (path.has_parent_path() && path.parent_path() != path) make_folder(path.parent_path());
+    if (::mkdir(path.c_str(), 0777) != 0) {
+        if (errno == EEXIST && fs::is_directory(path)) return false;  // somebody was faster
+        throw_errno("make the folder", path);
     }
-    if (errno == ENOENT && path.has_parent_path() && path.parent_path() != path) {
-        make_folder(path.parent_path());
-        return make_folder(path);
-    }
-    if (errno != EEXIST) throw_errno("make the folder", path);
-    if (!fs::is_directory(path)) throw UsageError(path.string() + " exists and is not a folder");
-    return false;
+    sync_path(path.parent_path());
+    return true;
 }
 
 void write_file_whole(const fs::path& path, std::string_view bytes) {

@@ -28,8 +28,9 @@ class File {
     void write_all(std::string_view bytes);  // all of them, or RunError
     void sync();                             // to the disk, or RunError
     void truncate(uint64_t byte_size);
-    bool try_lock();  // advisory, exclusive, gone with the last descriptor or its process
-    void close();     // throws what closing reports; the destructor does not
+    bool is_at_path() const;  // the path still leads to this very file
+    bool try_lock();          // advisory, exclusive, gone with the last descriptor or its process
+    void close();             // throws what closing reports; the destructor does not
 
    private:
     fs::path path_;

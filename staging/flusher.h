@@ -68,7 +68,7 @@ class Flusher : public std::enable_shared_from_this<Flusher> {
     mutable std::mutex mutex_;
     std::condition_variable work_, done_;
     std::deque<Item> queue_;
-    int64_t tickets_ = 0, tickets_done_ = 0;
+    int64_t tickets_ = 0, tickets_done_ = 0, items_done_ = 0;
     bool closing_ = false, ended_ = false;
     std::string doing_ = "idle";
     std::optional<Failure> failure_;

@@ -157,6 +157,10 @@ std::vector<FileFacts> FolderWriter::sync_block(const std::string& temporary_nam
 }
 
 void FolderWriter::append(File& file, uint64_t byte_size, const std::string& text) {
+    // A line into a file that nobody finds any more would acknowledge what is lost.
+    if (!file.is_at_path())
+        throw RunError(file.path().string() +
+                       " was removed or replaced while it was being written");
     try {
         file.write_all(text);
         file.sync();

@@ -3,6 +3,7 @@
 #include "pave/source.h"
 
 #include "staging/bp.h"
+#include "staging/exr.h"
 #include "staging/mem_store.h"
 #include "staging/sink.h"
 #include "staging/uri.h"
@@ -13,12 +14,14 @@ std::unique_ptr<Sink> make_sink(const std::string& uri, const FrameSchema& schem
                                 const StageOptions& options) {
     const Uri place = parse_uri(uri);
     if (place.scheme == "mem") return make_mem_sink(place.rest, schema);
+    if (place.scheme == "exr") return make_exr_sink(place.rest, schema, options);
     return make_bp_sink(place.rest, schema, options);
 }
 
 std::unique_ptr<Source> Source::open(const std::string& uri, bool allow_unfinished) {
     const Uri place = parse_uri(uri);
     if (place.scheme == "mem") return open_mem_source(place.rest);
+    if (place.scheme == "exr") return open_exr_source(place.rest, allow_unfinished);
     return open_bp_source(place.rest, allow_unfinished);
 }
 

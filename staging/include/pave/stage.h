@@ -25,12 +25,12 @@ struct StageOptions {
     std::vector<std::string> channels{"color", "albedo", "direct", "normal", "depth"};
     int slots = 8;  // frames in flight, 1..65536; the drop policies need 2
     QueuePolicy policy = QueuePolicy::kBlock;
-    std::chrono::milliseconds timeout{30000};  // of every wait: acquire, flush, close
-    bool resume = false;                   // file sinks: go on after the last acknowledged frame
-    int frames_per_shard = 16;             // bp: frames that become durable together
-    std::string exr_names = "pave";        // exr: channel spelling, pave | oidn | cycles
-    std::shared_ptr<Trace> trace;          // may be null
-    std::vector<Channel> custom_channels;  // if not empty, used instead of `channels`
+    std::chrono::milliseconds timeout{30000};  // of acquire; of flush, close: without progress
+    bool resume = false;                     // file sinks: go on after the last acknowledged frame
+    int frames_per_shard = 16;               // bp: frames that become durable together
+    std::string exr_names = "pave";          // exr: channel spelling, pave | oidn | cycles
+    std::shared_ptr<Trace> trace{};          // may be null
+    std::vector<Channel> custom_channels{};  // if not empty, used instead of `channels`
 };
 
 /// URIs: "mem:NAME" (in this process; each frame keeps its slot until a Source takes it), "mem:"
