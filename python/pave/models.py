@@ -26,9 +26,9 @@ class GeneratorOptions:
     """Shape of the U-Net. `head`: "sigmoid" is the papers' network, whose last transposed convolution makes the image;
     "residual" refines at full resolution with the buffers at hand and adds to the encoded `direct` buffer."""
 
-    filters: int = 32
+    filters: int = 24
     unet_depth: int = 5
-    norm: str = "batch"
+    norm: str = "none"
     head: str = "residual"
     refine: int = 1  # 3x3 convolutions at full resolution before the last one; residual head only
 
@@ -128,8 +128,9 @@ class Generator(nn.Module):
         )
         inner = widths[0] * (1 if options.unet_depth == 1 else 2)
         if self.residual:
-            # Half the filters: at full resolution they cost four times what they cost one level below.
-            width = max(options.filters // 2, 1)
+            # Half the filters, as planes here cost four times what they cost one level below; a multiple of 8, as convolutions
+            # work on blocks of 8 planes.
+            width = 8 * -(-options.filters // 16)
             self.decode.append(double(inner, width, options.norm))
             sizes = [width + in_planes, *[width] * options.refine]
             self.refine = nn.ModuleList(

@@ -28,16 +28,16 @@ class TrainOptions:
     repeat_depth: int = 1  # 3: depth as an image of three planes, the papers' 12 + 3 = 15
     epochs: int = 40
     minutes: float | None = None  # instead of `epochs`: as many as a short trial says will fit
-    batch: int = 4
+    batch: int = 2
     lr: float = 1e-3
     beta1: float = 0.5
     beta2: float = 0.999
     l1_weight: float = 260.0
     adversarial_weight: float = 1.0
-    gan_mode: str = "lsgan"
-    filters: int = 32
+    gan_mode: str = "bce"
+    filters: int = 24
     unet_depth: int = 5
-    norm: str = "batch"
+    norm: str = "none"
     head: str = "residual"
     refine: int = 1
     d_filters: int = 16

@@ -9,6 +9,7 @@ generator.json and run-manifest.json. The same options, data and machine give th
 from __future__ import annotations
 
 import contextlib
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -119,6 +120,8 @@ def torch_settings(options: TrainOptions) -> Iterator[None]:
     rng = torch.get_rng_state()
     if options.threads:
         torch.set_num_threads(options.threads)
+    if options.deterministic:
+        os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")  # cuBLAS asks for it
     torch.use_deterministic_algorithms(options.deterministic)
     try:
         yield

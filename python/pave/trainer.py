@@ -50,6 +50,33 @@ class Average:
                 value.copy_(theirs[name])
 
 
+class GradientLimit:
+    """Scales a gradient down to at most three times the usual length.
+
+    Adam's steps follow the gradients of the last thousand steps: one that is much longer than those throws a network
+    without normalisation so far off that it does not come back (measured: at step 130, lr 2e-3, batch 2).
+    """
+
+    FACTOR = 3.0
+    MEMORY = 0.98
+    WARM_UP = 20  # steps in which gradients shrink by themselves
+
+    def __init__(self, network: nn.Module) -> None:
+        self.parameters = list(network.parameters())
+        self.usual = 0.0
+        self.seen = 0
+
+    def apply(self) -> None:
+        """Limits the gradients that are there; to be called between backward() and the optimiser's step."""
+        limit = self.FACTOR * self.usual if self.seen >= self.WARM_UP else math.inf
+        norm = float(nn.utils.clip_grad_norm_(self.parameters, limit))
+        norm = min(norm, limit)
+        self.usual = (
+            norm if self.seen == 0 else self.usual + (1 - self.MEMORY) * (norm - self.usual)
+        )
+        self.seen += 1
+
+
 class Trainer:
     """Two networks, two optimisers and the average, on one device. `steps` is the length of the whole run.
 
@@ -75,6 +102,10 @@ class Trainer:
         self.d_adam = torch.optim.Adam(self.discriminator.parameters(), lr=options.lr, betas=betas)
         self.real_loss, self.fake_loss = discriminator_losses(options.gan_mode)
         self.g_loss = generator_loss(options.gan_mode)
+        self.g_limit, self.d_limit = (
+            GradientLimit(self.generator),
+            GradientLimit(self.discriminator),
+        )
         self.step_index = 0
 
     def _place(self, network: nn.Module) -> Any:
@@ -111,6 +142,7 @@ class Trainer:
             d_loss = 0.5 * (self.real_loss(real_logits) + self.fake_loss(fake_logits))
             self.d_adam.zero_grad(set_to_none=True)
             d_loss.backward()
+            self.d_limit.apply()
             self.d_adam.step()
             losses["d_loss"] = d_loss.detach()
             losses["d_real"] = probability(real_logits.detach(), options.gan_mode)
@@ -126,6 +158,7 @@ class Trainer:
             losses["g_adversarial"] = adversarial.detach()
         self.g_adam.zero_grad(set_to_none=True)
         total.backward()
+        self.g_limit.apply()
         self.g_adam.step()
         self.average.update(generator)
         self.step_index += 1
@@ -140,6 +173,7 @@ class Trainer:
             "average_updates": self.average.updates,
             "g_adam": self.g_adam.state_dict(),
             "d_adam": self.d_adam.state_dict(),
+            "limits": [[limit.usual, limit.seen] for limit in (self.g_limit, self.d_limit)],
             "step_index": self.step_index,
             "torch_rng": torch.get_rng_state(),
         }
@@ -152,5 +186,7 @@ class Trainer:
         self.average.updates = state["average_updates"]
         self.g_adam.load_state_dict(state["g_adam"])
         self.d_adam.load_state_dict(state["d_adam"])
+        for limit, (usual, seen) in zip((self.g_limit, self.d_limit), state["limits"], strict=True):
+            limit.usual, limit.seen = usual, seen
         self.step_index = state["step_index"]
         torch.set_rng_state(state["torch_rng"])
