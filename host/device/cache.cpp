@@ -110,7 +110,7 @@ void KernelCache::store(const std::string& key, std::vector<PackedFile> files) {
             if (std::none_of(files.begin(), files.end(),
                              [&](const PackedFile& file) { return file.path == other.path; }))
                 files.push_back(std::move(other));
-    write_file_whole(folder_.path / (key + std::string(kSuffix)), pack(key, files));
+    try_write_file(folder_.path / (key + std::string(kSuffix)), pack(key, files));
     evict();
 }
 

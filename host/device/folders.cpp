@@ -160,7 +160,7 @@ ProcessFolder::~ProcessFolder() {
     if (lock_ >= 0) close(lock_);
 }
 
-bool write_file_whole(const fs::path& path, std::string_view bytes) {
+bool try_write_file(const fs::path& path, std::string_view bytes) {
     std::string temporary = path.string() + ".XXXXXX";
     FileDescriptor file(mkostemp(temporary.data(), O_CLOEXEC));  // mode 0600
     if (file.get() < 0) return false;

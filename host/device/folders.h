@@ -42,7 +42,7 @@ class ProcessFolder {
 };
 
 /// Whole or absent: temporary name, fsync, rename. False if it did not work (a cache may miss).
-bool write_file_whole(const std::filesystem::path& path, std::string_view bytes);
+bool try_write_file(const std::filesystem::path& path, std::string_view bytes);
 std::optional<std::string> read_file_whole(const std::filesystem::path& path);
 
 }  // namespace pave

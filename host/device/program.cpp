@@ -85,7 +85,7 @@ BuildFault first_fault(const std::string& log, const std::string& name, const st
     const BuildFault fault = first_fault(log, name, text);
     std::string hint;
     const std::filesystem::path cache = KernelCache::of_process().folder().path;
-    if (!cache.empty() && write_file_whole(cache / kLogName, log))
+    if (!cache.empty() && try_write_file(cache / kLogName, log))
         hint = "the whole log is in " + (cache / kLogName).string();
     throw ClError("clBuildProgram", code, fault.where, fault.reason, hint, log);
 }

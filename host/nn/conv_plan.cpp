@@ -122,7 +122,7 @@ void ConvPlan::save() {
     // Another process may have measured other shapes meanwhile.
     if (const auto text = read_file_whole(file_))
         if (auto others = parse_timings(*text)) timings_.merge(*others);
-    write_file_whole(file_, timings_text(timings_));
+    try_write_file(file_, timings_text(timings_));
 }
 
 }  // namespace pave::nn
