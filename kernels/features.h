@@ -1,7 +1,7 @@
 // What a program is specialised for. Everything is on by default: such a program renders any scene, only slower.
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
-#include "render_types.h"
+#include "lanes.h"
 
 #ifndef PAVE_HAS_RECTS /* 0 or 1 each: kinds of shapes in the broadcast loops */
 #define PAVE_HAS_RECTS 1
@@ -66,6 +66,15 @@
 #ifndef PAVE_SEGMENT /* most pixels a work-item renders, 1..256; 1 keeps their sums in registers */
 #define PAVE_SEGMENT 64
 #endif
+#if PAVE_TREE_SHAPES
+typedef float ShapeFloat;
+typedef uint ShapeWord;
+#else
+typedef vfloat ShapeFloat;
+typedef vuint ShapeWord;
+#endif
+#include "render_types.h"
+
 #ifndef PAVE_CHANNELS /* bit set of channels to write */
 #define PAVE_CHANNELS ((1 << CHANNEL_COUNT) - 1)
 #endif

@@ -46,6 +46,7 @@ typedef struct {
     int object[PAVE_LANES];
 } Stage;
 
+/// Lanes of v to three rows.
 static inline void store_vec3(float (*values)[PAVE_LANES], vec3 v) {
     lane_store(v.x, values[0]);
     lane_store(v.y, values[1]);

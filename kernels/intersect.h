@@ -20,10 +20,10 @@ static inline Hit no_hit(void) {
     return hit;
 }
 
-static inline vfloat linear(__global const float* row, vec3 p) {
+static inline vfloat linear(__global const ShapeFloat* row, vec3 p) {
     return mad_f(splat(row[0]), p.x, mad_f(splat(row[1]), p.y, splat(row[2]) * p.z));
 }
-static inline vfloat affine(__global const float* row, vec3 p) {
+static inline vfloat affine(__global const ShapeFloat* row, vec3 p) {
     return mad_f(splat(row[0]), p.x, mad_f(splat(row[1]), p.y, mad_f(splat(row[2]), p.z, splat(row[3]))));
 }
 
@@ -40,7 +40,7 @@ static inline void closest_flat(__global const FlatShape* s, int is_disk, vec3 o
     vfloat t;
     const vmask m = meet_flat(s, is_disk, o, d, &t) & (t < hit->t);
     hit->t = m ? t : hit->t;
-    hit->id = m ? splat_int((int)s->surface) : hit->id;
+    hit->id = m ? as_vint(splat_uint(s->surface)) : hit->id;
 }
 static inline vmask occludes_flat(__global const FlatShape* s, int is_disk, vec3 o, vec3 d, vfloat t_max) {
     vfloat t;
@@ -78,7 +78,7 @@ static inline void closest_cube(__global const CubeShape* s, vec3 o, vec3 d, Hit
     const vmask high = entering ? (pace < 0.0f) : (pace > 0.0f);
     const vint face = (is_x ? splat_int(0) : (is_y ? splat_int(2) : splat_int(4))) + (high ? splat_int(1) : splat_int(0));
     hit->t = m ? t : hit->t;
-    hit->id = m ? face + (int)s->surface : hit->id;
+    hit->id = m ? face + as_vint(splat_uint(s->surface)) : hit->id;
 }
 static inline vmask occludes_cube(__global const CubeShape* s, vec3 o, vec3 d, vfloat t_max) {
     const Slabs r = meet_slabs(s, o, d);
@@ -104,7 +104,7 @@ static inline void closest_sphere(__global const SphereShape* s, vec3 o, vec3 d,
     vfloat t;
     const vmask m = meet_sphere(s, o, d, &t) & (t < hit->t);
     hit->t = m ? t : hit->t;
-    hit->id = m ? splat_int((int)s->surface) : hit->id;
+    hit->id = m ? as_vint(splat_uint(s->surface)) : hit->id;
 }
 static inline vmask occludes_sphere(__global const SphereShape* s, vec3 o, vec3 d, vfloat t_max) {
     vfloat t;

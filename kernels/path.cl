@@ -23,25 +23,61 @@ typedef struct {
 
 /// What a work-item has left to do, and whose path each lane carries.
 typedef struct {
-    int pixel;              // next pair
+    PhiloxKeys keys;
+    int row;                   // of the image
+    int x0, pixels;            // this segment
+    uint first, end;           // samples of this pass
+    int pixel;                 // next pair to make a ray for
     uint sample;
-    int pixels;             // of this segment
-    uint first, end;        // samples of this pass
-    int pixel_of[PAVE_LANES];  // -1: none
+    // Camera rays made ahead, a lane each; `taken` of them are gone.
+    int taken, made;
+    float ahead_d[3][PAVE_LANES];
+    int ahead_pixel[PAVE_LANES];
+    uint ahead_sample[PAVE_LANES];
+    // The lanes' paths; pixel -1: none.
+    float d[3][PAVE_LANES];
+    int pixel_of[PAVE_LANES];
     uint sample_of[PAVE_LANES];
 } Queue;
 
-/// Numbers of block `block` for the lanes' samples.
-static inline Philox draw(const Scene* s, vuint pixel, vuint sample, vuint block) {
+/// Numbers of block `block` for the samples.
+static inline Philox draw(const Scene* s, const PhiloxKeys* keys, vuint pixel, vuint sample, vuint block) {
     Philox c;
     c.x = pixel;
     c.y = sample;
     c.z = block;
     c.w = splat_uint(s->p->frame);
-    return philox(c, s->p->seed_low, s->p->seed_high);
+    return philox(c, keys);
+}
+static inline vuint image_pixel(const Scene* s, const Queue* q, vint local_x) {
+    return splat_uint((uint)q->row * (uint)s->p->width + (uint)q->x0) + as_vuint(local_x);
 }
 
-/// Adds the paths of `lanes` to their pixels and gives these lanes the next pairs.
+/// Camera rays for the next pairs, as many as there are lanes: at full width, while paths end one by one.
+static inline void make_rays(const Scene* s, Queue* q) {
+    q->taken = q->made = 0;
+    for (int i = 0; i < PAVE_LANES; ++i) {
+        q->ahead_pixel[i] = q->pixel;
+        q->ahead_sample[i] = q->sample;
+        if (q->pixel < q->pixels) {
+            ++q->made;
+            if (++q->sample == q->end) {
+                q->sample = q->first;
+                ++q->pixel;
+            }
+        }
+    }
+    if (q->made == 0) return;
+    __constant const PathParams* p = s->p;
+    const vint x = lane_load(q->ahead_pixel);
+    const Philox r = draw(s, &q->keys, image_pixel(s, q, x), lane_load(q->ahead_sample), splat_uint(BLOCK_CAMERA));
+    const vfloat fx = to_vfloat(x + q->x0) + unit_float(r.x), fy = (float)q->row + unit_float(r.y);
+    vec3 d = mad3(splat3(p->down[0], p->down[1], p->down[2]), fy, splat3(p->corner[0], p->corner[1], p->corner[2]));
+    d = normalize3(mad3(splat3(p->right[0], p->right[1], p->right[2]), fx, d));
+    store_vec3(q->ahead_d, d);
+}
+
+/// Adds the paths of idle lanes to their pixels and gives these lanes the next pairs, as far as there are.
 static inline void exchange(const Scene* s, Queue* q, Paths* paths, float (*sums)[SUM_ALL], uint* dropped) {
     // A sample that is not finite counts as black, and is counted.
     const vec3 c = paths->record.color, e = paths->record.direct;
@@ -59,25 +95,23 @@ static inline void exchange(const Scene* s, Queue* q, Paths* paths, float (*sums
             add_path(sums[pixel], &stage, i, q->sample_of[i] == q->first, q->sample_of[i]);
             *dropped += (spoiled >> i) & 1u;
         }
-        const int more = q->pixel < q->pixels;
-        q->pixel_of[i] = more ? q->pixel : -1;
-        q->sample_of[i] = q->sample;
-        if (more && ++q->sample == q->end) {
-            q->sample = q->first;
-            ++q->pixel;
+        if (q->taken == q->made) make_rays(s, q);
+        q->pixel_of[i] = -1;
+        if (q->taken < q->made) {
+            const int k = q->taken++;
+            q->pixel_of[i] = q->ahead_pixel[k];
+            q->sample_of[i] = q->ahead_sample[k];
+            for (int a = 0; a < 3; ++a) q->d[a][i] = q->ahead_d[a][k];
         }
     }
 }
 
-/// Camera rays for the lanes of `fresh`.
-static inline void start_paths(const Scene* s, Paths* paths, vmask fresh, vint x, int y, vuint pixel, vuint sample) {
+/// Puts new paths into the lanes of `fresh`.
+static inline void start_paths(const Scene* s, const Queue* q, Paths* paths, vmask fresh) {
     __constant const PathParams* p = s->p;
-    const Philox r = draw(s, pixel, sample, splat_uint(BLOCK_CAMERA));
-    const vfloat fx = to_vfloat(x) + unit_float(r.x), fy = (float)y + unit_float(r.y);
-    vec3 d = mad3(splat3(p->down[0], p->down[1], p->down[2]), fy, splat3(p->corner[0], p->corner[1], p->corner[2]));
-    d = normalize3(mad3(splat3(p->right[0], p->right[1], p->right[2]), fx, d));
+    const vmask old = lane_not(fresh);
     paths->o = select3(fresh, splat3(p->eye[0], p->eye[1], p->eye[2]), paths->o);
-    paths->d = select3(fresh, d, paths->d);
+    paths->d = select3(fresh, vec3_of(lane_load(q->d[0]), lane_load(q->d[1]), lane_load(q->d[2])), paths->d);
     paths->throughput = select3(fresh, splat3(1.0f, 1.0f, 1.0f), paths->throughput);
     paths->bsdf_pdf = fresh ? splat(INFINITY) : paths->bsdf_pdf;
     paths->eta = fresh ? splat(1.0f) : paths->eta;
@@ -85,14 +119,14 @@ static inline void start_paths(const Scene* s, Paths* paths, vmask fresh, vint x
     paths->skip = fresh ? splat_int(-1) : paths->skip;
     paths->specular_chain |= fresh;
     PathRecord* k = &paths->record;
-    k->color = keep3(lane_not(fresh), k->color);
-    k->direct = keep3(lane_not(fresh), k->direct);
-    k->albedo = keep3(lane_not(fresh), k->albedo);
-    k->normal = keep3(lane_not(fresh), k->normal);
-    k->position = keep3(lane_not(fresh), k->position);
-    k->hits = keep(lane_not(fresh), k->hits);
-    k->depth = keep(lane_not(fresh), k->depth);
-    k->distance = keep(lane_not(fresh), k->distance);
+    k->color = keep3(old, k->color);
+    k->direct = keep3(old, k->direct);
+    k->albedo = keep3(old, k->albedo);
+    k->normal = keep3(old, k->normal);
+    k->position = keep3(old, k->position);
+    k->hits = keep(old, k->hits);
+    k->depth = keep(old, k->depth);
+    k->distance = keep(old, k->distance);
     k->object = fresh ? splat_int(-1) : k->object;
 }
 
@@ -179,7 +213,7 @@ static inline void add_light_sample(const Scene* s, Paths* paths, vmask on, cons
 #endif
 
 /// One edge of every path: hit, emission, light sample, next direction, roulette.
-static inline void extend_paths(const Scene* s, Paths* paths, vuint pixel, vuint sample) {
+static inline void extend_paths(const Scene* s, const Queue* q, Paths* paths) {
     __constant const PathParams* p = s->p;
     const Hit hit = trace_closest(s, paths->o, paths->d, paths->alive, paths->skip);
     const Vertex v = vertex_of(s, &hit, paths->o, paths->d);
@@ -193,13 +227,14 @@ static inline void extend_paths(const Scene* s, Paths* paths, vuint pixel, vuint
     const vec3 wi = to_local(basis, neg3(paths->d));
     const Material m = material_of(s, &v);
     const vuint depth = as_vuint(paths->depth);
-    const Philox r = draw(s, pixel, sample, block_of_vertex(depth));
+    const vuint pixel = image_pixel(s, q, lane_load(q->pixel_of)), sample = lane_load(q->sample_of);
+    const Philox r = draw(s, &q->keys, pixel, sample, block_of_vertex(depth));
 #if PAVE_HAS_LIGHTS
     const vmask diffusing = on & lane_not(is_specular(v.bits));
     if (lane_any(diffusing)) {
         vint light = splat_int(0);
 #if !PAVE_ONE_LIGHT
-        light = choose_light(s, draw(s, pixel, sample, block_of_light(depth)).x);
+        light = choose_light(s, draw(s, &q->keys, pixel, sample, block_of_light(depth)).x);
 #endif
         add_light_sample(s, paths, diffusing, &v, &m, basis, wi, light, unit_float(r.x), unit_float(r.y));
     }
@@ -229,16 +264,20 @@ __kernel void render_paths(__constant const PathParams* params, __global const f
     s.tree = tree;
     s.tables = tables;
     s.light_cdf = light_cdf;
-    const int x0 = (int)get_global_id(0) * params->segment, y = first_row + (int)get_global_id(1);
-    const uint row_pixel = (uint)y * (uint)params->width;
-
     float sums[PAVE_SEGMENT][SUM_ALL];
     Queue q;
-    q.pixel = 0;
-    q.pixels = min(params->segment, params->width - x0);
+    set_keys(&q.keys, params->seed_low, params->seed_high);
+    q.row = first_row + (int)get_global_id(1);
+    q.x0 = (int)get_global_id(0) * params->segment;
+    q.pixels = min(params->segment, params->width - q.x0);
     q.first = q.sample = (uint)first_sample;
     q.end = (uint)(first_sample + samples);
-    for (int i = 0; i < PAVE_LANES; ++i) q.pixel_of[i] = -1;
+    q.pixel = q.taken = q.made = 0;
+    for (int i = 0; i < PAVE_LANES; ++i) {
+        q.pixel_of[i] = -1;
+        q.sample_of[i] = 0;
+        q.d[0][i] = q.d[1][i] = q.d[2][i] = 0.0f;
+    }
     for (int i = 0; i < q.pixels; ++i)
         for (int k = 0; k < SUM_ALL; ++k) sums[i][k] = 0.0f;
 
@@ -250,29 +289,22 @@ __kernel void render_paths(__constant const PathParams* params, __global const f
     paths.depth = paths.skip = splat_int(0);
     paths.record = empty_record();
     uint lost = 0;
-    vint x = splat_int(0);
-    vuint sample = splat_uint(0);
     for (;;) {
         const vmask idle = lane_not(paths.alive);
         if (lane_any(idle)) {
             exchange(&s, &q, &paths, sums, &lost);
-            const vint local_x = lane_load(q.pixel_of);
-            const vmask fresh = idle & (local_x >= 0);
+            const vmask fresh = idle & (lane_load(q.pixel_of) >= 0);
             paths.alive |= fresh;
             if (!lane_any(paths.alive)) break;
-            if (lane_any(fresh)) {
-                x = local_x + x0;
-                sample = lane_load(q.sample_of);
-                start_paths(&s, &paths, fresh, x, y, row_pixel + as_vuint(x), sample);
-            }
+            start_paths(&s, &q, &paths, fresh);
         }
-        extend_paths(&s, &paths, row_pixel + as_vuint(x), sample);
+        extend_paths(&s, &q, &paths);
     }
 
     const int before = first_sample, total = first_sample + samples;
     for (int i = 0; i < q.pixels; ++i) {
-        const ulong at = (ulong)row_pixel + (ulong)(x0 + i);
-        __global float* mine = kept + at * SUM_KEPT;
+        const ulong at = (ulong)q.row * params->width + (ulong)(q.x0 + i);
+        __global float* mine = kept + ((ulong)get_global_id(1) * params->width + (ulong)(q.x0 + i)) * SUM_KEPT;
         merge_pass(sums[i], mine, (float)samples, (float)before);
         if (total == params->spp)
             write_pixel(frame, params, at, sums[i], (float)total);
@@ -280,12 +312,4 @@ __kernel void render_paths(__constant const PathParams* params, __global const f
             for (int k = 0; k < SUM_KEPT; ++k) mine[k] = sums[i][k];
     }
     if (lost) atomic_add(dropped, lost);
-}
-
-/// Sizes of the shared structs as this device's compiler sees them; compared with the host's at start-up of the tests.
-__kernel void struct_sizes(__global uint* sizes) {
-    sizes[0] = sizeof(FlatShape);
-    sizes[1] = sizeof(CubeShape);
-    sizes[2] = sizeof(SphereShape);
-    sizes[3] = sizeof(PathParams);
 }

@@ -32,32 +32,40 @@ namespace pave::kernel {
 #define CHANNEL_COUNT 9
 
 // ---- Shapes: intersected in broadcast loops, or as leaves of the tree --------------------------------------------------
+//
+// For the loops every number is stored once a lane, so that a broadcast costs no instruction: a kernel's ShapeFloat is then a
+// vector and its structs are PAVE_LANES times as large. For the tree, and on the host, it is a plain float.
+
+#ifndef __OPENCL_VERSION__
+using ShapeFloat = float;
+using ShapeWord = uint32_t;
+#endif
 
 /// A rectangle or disk. Object coordinates of a world point P: x = dot(u.xyz, P) + u[3], y likewise with v.
 PAVE_STRUCT(FlatShape) {
-    float u[4];
-    float v[4];
-    float n[4];        // unit normal; dot(n.xyz, P) == n[3] on the plane
-    float limit;       // max(|x|, |y|) of a rectangle, x*x + y*y of a disk; 1 plus rounding, so that shared edges have no gap
-    PAVE_U32 surface;  // its surface (see below)
-    PAVE_U32 is_disk;
-    PAVE_U32 pad;
+    ShapeFloat u[4];
+    ShapeFloat v[4];
+    ShapeFloat n[4];        // unit normal; dot(n.xyz, P) == n[3] on the plane
+    ShapeFloat limit;       // max(|x|, |y|) of a rectangle, x*x + y*y of a disk; 1 plus rounding, so that shared edges have no gap
+    ShapeWord surface;  // its surface (see below)
+    ShapeWord is_disk;
+    ShapeWord pad;
 };
 PAVE_SIZEOF(FlatShape, 64);
 
 /// A cube under any affine map: slab a is row[a][3] <= dot(row[a].xyz, P) <= high[a].
 PAVE_STRUCT(CubeShape) {
-    float row[3][4];
-    float high[3];
-    PAVE_U32 surface;  // first of its six faces: low x, high x, low y, high y, low z, high z
+    ShapeFloat row[3][4];
+    ShapeFloat high[3];
+    ShapeWord surface;  // first of its six faces: low x, high x, low y, high y, low z, high z
 };
 PAVE_SIZEOF(CubeShape, 64);
 
 PAVE_STRUCT(SphereShape) {
-    float center[3];
-    float radius;
-    PAVE_U32 surface;
-    PAVE_U32 pad[3];
+    ShapeFloat center[3];
+    ShapeFloat radius;
+    ShapeWord surface;
+    ShapeWord pad[3];
 };
 PAVE_SIZEOF(SphereShape, 32);
 
@@ -158,7 +166,7 @@ PAVE_STRUCT(PathParams) {
     PAVE_U32 surface_row, triangle_row, normals_row, bsdf_row, light_row;  // tables
     PAVE_U32 leaf_row;                                                 // tree; nodes begin at row 0
 };
-PAVE_SIZEOF(PathParams, 256);
+PAVE_SIZEOF(PathParams, 280);
 
 #ifndef __OPENCL_VERSION__
 }  // namespace pave::kernel

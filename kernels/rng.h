@@ -42,18 +42,42 @@ static inline void mul_wide(vuint a, uint m, vuint* hi, vuint* lo) {
 }
 #endif
 
-static inline Philox philox(Philox c, uint key_lo, uint key_hi) {
+#if PAVE_LANES == 1
+/// The key of each round, computed on the way.
+typedef struct {
+    uint low, high;
+} PhiloxKeys;
+static inline void set_keys(PhiloxKeys* keys, uint low, uint high) {
+    keys->low = low;
+    keys->high = high;
+}
+#define ROUND_LOW(keys, round) ((keys)->low + (uint)(round) * PHILOX_W0)
+#define ROUND_HIGH(keys, round) ((keys)->high + (uint)(round) * PHILOX_W1)
+#else
+/// The key of each round in every lane: operands from memory cost nothing, broadcasts would be a sixth of the generator.
+typedef struct {
+    vuint low[PHILOX_ROUNDS], high[PHILOX_ROUNDS];
+} PhiloxKeys;
+static inline void set_keys(PhiloxKeys* keys, uint low, uint high) {
+    for (uint round = 0; round < PHILOX_ROUNDS; ++round) {
+        keys->low[round] = splat_uint(low + round * PHILOX_W0);
+        keys->high[round] = splat_uint(high + round * PHILOX_W1);
+    }
+}
+#define ROUND_LOW(keys, round) ((keys)->low[round])
+#define ROUND_HIGH(keys, round) ((keys)->high[round])
+#endif
+
+static inline Philox philox(Philox c, const PhiloxKeys* keys) {
 #pragma unroll
     for (int round = 0; round < PHILOX_ROUNDS; ++round) {
         vuint hi0, lo0, hi1, lo1;
         mul_wide(c.x, PHILOX_M0, &hi0, &lo0);
         mul_wide(c.z, PHILOX_M1, &hi1, &lo1);
-        c.x = hi1 ^ c.y ^ splat_uint(key_lo);
-        c.z = hi0 ^ c.w ^ splat_uint(key_hi);
+        c.x = hi1 ^ c.y ^ ROUND_LOW(keys, round);
+        c.z = hi0 ^ c.w ^ ROUND_HIGH(keys, round);
         c.y = lo1;
         c.w = lo0;
-        key_lo += PHILOX_W0;
-        key_hi += PHILOX_W1;
     }
     return c;
 }

@@ -16,20 +16,28 @@ struct RenderOptions {
     int max_depth = 50;      // edges of the longest path, as Mitsuba: 1 = emission seen, 2 = one scattering event, ...
     int rr_depth = 5;        // Russian roulette from this depth on; >= max_depth switches it off
     uint64_t seed = 0;
-    int64_t frame_index = 0; // part of the random numbers' key
+    int64_t frame_index = 0; // part of the random numbers' key, 0..2^32-1
     // Schedule: none of these changes a single bit of the result.
     int tile_rows = 0;       // rows a launch; 0 chooses
-    int work_group_size = 0; // local size; 0 chooses
+    int work_group_size = 0; // local size, along a row; 0 chooses
     // Forced paths, for tests: 0 chooses.
     int lane_width = 0;      // 1, 4, 8, 16
-    std::function<bool(double done)> progress;  // called between launches with the fraction done; false cancels (RunError)
+    std::function<bool(double done)> progress{};  // called between launches with the fraction done; false cancels (RunError)
+};
+
+/// Which way a scene takes through the kernels. The defaults are the fast ones; tests force the others.
+struct RendererPaths {
+    int broadcast_shapes = 64;   // up to this many analytic shapes are tested one after the other; more go into the tree
+    bool cull_occluders = true;  // shapes on the scene's hull are left out of shadow tests
+    bool specialise = true;      // programs for this scene's features only, not for any scene
 };
 
 /// Scene data on one device and the programs specialised for it. One render at a time per renderer; distinct renderers are
 /// independent. render() blocks until the frame is complete.
 class Renderer {
    public:
-    Renderer(const Device& device, const Scene& scene);
+    /// Throws InputError, naming the shape, for a scene that can not be rendered.
+    Renderer(const Device& device, const Scene& scene, const RendererPaths& paths = {});
     ~Renderer();
     Renderer(Renderer&&) noexcept;
     Renderer& operator=(Renderer&&) noexcept;
@@ -41,6 +49,12 @@ class Renderer {
     /// position, object; others are left alone) and its metadata. Frames of this device are written in place; other frames
     /// get a copy. Throws UsageError for options out of range, DeviceError from OpenCL.
     void render(const View& view, const RenderOptions& options, Frame& frame);
+
+    /// Samples of all renders so far that were not finite and so were counted as black. 0 unless the scene holds absurd
+    /// numbers or PAVE has a bug.
+    uint64_t dropped_samples() const;
+    /// Triangles without an area or with coordinates that are not finite, which were left out.
+    int dropped_triangles() const;
 
    private:
     class Impl;
