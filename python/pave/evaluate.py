@@ -26,12 +26,7 @@ IMAGES_FILE = "evaluation.csv"
 NOVEL = "novel"
 
 METHODS = ("generated", "direct", "ambient")
-MEASURES = {
-    "psnr": metrics.psnr,
-    "ssim": metrics.ssim,
-    "l1": metrics.l1,
-    "rel_mse": metrics.rel_mse,
-}
+MEASURES = ("psnr", "ssim", "l1", "rel_mse")
 BASELINE_CHANNELS = ("direct", "albedo")
 
 # A perfect image has no finite PSNR; in means it counts as this many dB.
@@ -113,9 +108,9 @@ def score_split(
             raise UsageError(f"the {name} split has no channel '{TARGET}' to compare with")
         row: dict[str, float] = {"image": index}
         for method, image in draw_all(generator, sample, ambient).items():
-            for measure, function in MEASURES.items():
-                value = float(function(image, sample[TARGET]))
-                row[f"{method}_{measure}"] = min(value, PSNR_CAP) if measure == "psnr" else value
+            for measure, value in metrics.compare(image, sample[TARGET]).items():
+                row[f"{method}_{measure}"] = float(value)
+            row[f"{method}_psnr"] = min(row[f"{method}_psnr"], PSNR_CAP)
         rows.append(row)
     means: dict[str, dict[str, float]] = {}
     for method in METHODS:

@@ -248,11 +248,9 @@ class TrainingRun:
             buffers, target = self._to_device(batch)
             fake = generator(buffers)
             ours, truth = self.schema.decode_output(fake), self.schema.decode_output(target)
-            values = {
-                "val_psnr": metrics.psnr(ours, truth).clamp_max(100.0).sum(),
-                "val_ssim": metrics.ssim(ours, truth).sum(),
-                "val_l1": metrics.l1(ours, truth).sum(),
-            }
+            scores = metrics.compare(ours, truth)
+            scores["psnr"] = scores["psnr"].clamp_max(100.0)
+            values = {f"val_{name}": scores[name].sum() for name in ("psnr", "ssim", "l1")}
             if self.options.adversarial_weight > 0:
                 mode = self.options.gan_mode
                 for name, image in (("val_d_real", target), ("val_d_fake", fake)):
