@@ -67,7 +67,7 @@ TEST(Sketch, Runs) {
     fs::create_directory_symlink(fs::path(PAVE_SOURCE_DIR) / "scenes", "scenes");
     fs::copy(fs::path(PAVE_TEST_DATA) / "tiny-run", "run");
 
-    const pave::View view = pave::look_at({278, 273, -800}, {278, 273, -799}, {0, 1, 0}, 39.3f);
+    const pave::View view = pave::look_at({0, 0, 3.9f}, {0, 0, 0}, {0, 1, 0}, 39.3f);
     const std::vector<float> pixels(64 * 48, 0.5f);
     EXPECT_NO_THROW(sketch(64, 48, pixels, view));
     const auto source = pave::Source::open("bp:cornell.bp");
