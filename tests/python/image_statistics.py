@@ -1,10 +1,10 @@
-"""Tests whether two Monte Carlo images can have the same expected value, from their means and variances.
+"""Tests whether two Monte Carlo images can have the same expected value, by means and variances.
+
+SPDX-License-Identifier: BSD-3-Clause
 
 The per-pixel test is that of Mitsuba's own test_renders.py (two-sided z-test, alpha 0.01 with
 Sidak's correction for the number of tests), here between two estimates of known variance. An image
 mean and block means see smaller and smoother faults than single pixels can.
-
-SPDX-License-Identifier: BSD-3-Clause
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """Renders PAVE's scenes with Mitsuba and stores mean and variance in tests/data/mitsuba.
 
+SPDX-License-Identifier: BSD-3-Clause
+
     python tests/python/make_references.py [SCENE ...]
 
 Takes some minutes a scene. The files are made once; tests compare PAVE with them.
-
-SPDX-License-Identifier: BSD-3-Clause
 """
 
 from __future__ import annotations

@@ -13,78 +13,92 @@
 
 namespace pave {
 
-using Rgb = std::array<float, 3>;            // linear BT.709
-using Matrix4 = std::array<float, 16>;       // row-major
+using Rgb = std::array<float, 3>;       // linear BT.709
+using Matrix4 = std::array<float, 16>;  // row-major
 
 /// A material. Fields that its type does not use keep their defaults.
 struct Bsdf {
     enum class Type : int { kDiffuse, kConductor, kRoughConductor, kDielectric };
     Type type = Type::kDiffuse;
     std::string id;
-    bool two_sided = false;                  // inside a `twosided`; otherwise the back of diffuse and conductors is black
-    Rgb reflectance{0.5f, 0.5f, 0.5f};       // diffuse
-    Rgb eta{0, 0, 0}, k{1, 1, 1};            // conductors: complex index of refraction ("none": eta 0, k 1, a perfect mirror)
+    bool two_sided =
+        false;  // inside a `twosided`; otherwise the back of diffuse and conductors is black
+    Rgb reflectance{0.5f, 0.5f, 0.5f};  // diffuse
+    Rgb eta{0, 0, 0},
+        k{1, 1,
+          1};  // conductors: complex index of refraction ("none": eta 0, k 1, a perfect mirror)
     Rgb specular_reflectance{1, 1, 1}, specular_transmittance{1, 1, 1};
-    float alpha_u = 0.1f, alpha_v = 0.1f;    // roughconductor, GGX (Mitsuba's default distribution is beckmann: only ggx is taken)
+    float alpha_u = 0.1f, alpha_v = 0.1f;  // roughconductor, GGX (Mitsuba's default distribution is
+                                           // beckmann: only ggx is taken)
     float int_ior = 1.5046f, ext_ior = 1.000277f;  // dielectric
 };
 
-/// Triangles; the geometric normal is that of the winding, cross(p1 - p0, p2 - p0). Shading normals: none (faceted) or one
-/// a vertex, of unit length; they decide what is the front for materials and emission, as in Mitsuba.
+/// Triangles; the geometric normal is that of the winding, cross(p1 - p0, p2 - p0). Shading
+/// normals: none (faceted) or one a vertex, of unit length; they decide what is the front for
+/// materials and emission, as in Mitsuba.
 struct Mesh {
     std::vector<std::array<float, 3>> positions, normals;
     std::vector<std::array<uint32_t, 3>> triangles;
 };
 
-/// One shape. rectangle: [-1,1]^2 at z=0, normal +z; cube: [-1,1]^3; sphere: unit at the origin; disk: unit, normal +z.
-/// world_from_object is affine and regular. Rectangles and cubes may be sheared (a parallelogram, a parallelepiped), disks
-/// stretched (an ellipse), spheres only turned and scaled evenly, never mirrored. Normals go by the inverse transpose, so a
-/// mirrored cube's point outwards still.
+/// One shape. rectangle: [-1,1]^2 at z=0, normal +z; cube: [-1,1]^3; sphere: unit at the origin;
+/// disk: unit, normal +z. world_from_object is affine and regular. Rectangles and cubes may be
+/// sheared (a parallelogram, a parallelepiped), disks stretched (an ellipse), spheres only turned
+/// and scaled evenly, never mirrored. Normals go by the inverse transpose, so a mirrored cube's
+/// point outwards still.
 struct Shape {
     enum class Type : int { kRectangle, kCube, kSphere, kDisk, kMesh };
     Type type = Type::kRectangle;
     std::string id;
     Matrix4 world_from_object{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
-    int bsdf = 0;                            // into Scene::bsdfs
-    bool flip_normals = false;               // the normal points the other way; never set for meshes, whose data are turned
+    int bsdf = 0;  // into Scene::bsdfs
+    bool flip_normals =
+        false;  // the normal points the other way; never set for meshes, whose data are turned
     bool is_emitter = false;
-    Rgb radiance{0, 0, 0};                   // area emitter, from the side that the normal points to
-    Mesh mesh;                               // kMesh only, in world space, every triangle with an area; world_from_object is identity
+    Rgb radiance{0, 0, 0};  // area emitter, from the side that the normal points to
+    Mesh mesh;  // kMesh only, in world space, every triangle with an area; world_from_object is
+                // identity
 };
 
 struct Scene {
-    std::string name;                        // file name without folder and extension
-    std::string hash;                        // XXH3-128 hex over the XML file, LoadOptions::defines and every mesh file, in order
+    std::string name;  // file name without folder and extension
+    std::string
+        hash;  // XXH3-128 hex over the XML file, LoadOptions::defines and every mesh file, in order
     std::vector<Bsdf> bsdfs;
     std::vector<Shape> shapes;
     bool has_environment = false;
-    Rgb environment{0, 0, 0};                // constant emitter's radiance
-    struct PointLight { std::array<float, 3> position{}; Rgb intensity{}; };
+    Rgb environment{0, 0, 0};  // constant emitter's radiance
+    struct PointLight {
+        std::array<float, 3> position{};
+        Rgb intensity{};
+    };
     std::vector<PointLight> point_lights;
 
-    View view;                               // the file's sensor
-    int width = 256, height = 256;           // film
-    int spp = 16;                            // sampler's sample_count
-    int max_depth = 50;                      // path integrator: edges of the longest path; -1 in a file means 2^31-1
-    int rr_depth = 5;                        // roulette starts at this depth
-    std::vector<std::string> warnings;       // what --ignore-unsupported left out, each with file and line
+    View view;                      // the file's sensor
+    int width = 256, height = 256;  // film
+    int spp = 16;                   // sampler's sample_count
+    int max_depth = 50;  // path integrator: edges of the longest path; -1 in a file means 2^31-1
+    int rr_depth = 5;    // roulette starts at this depth
+    std::vector<std::string>
+        warnings;  // what --ignore-unsupported left out, each with file and line
 
     std::array<float, 3> bounds_min{}, bounds_max{};  // of all shapes
 };
 
 struct LoadOptions {
-    bool ignore_unsupported = false;         // unsupported nodes become warnings instead of errors
+    bool ignore_unsupported = false;  // unsupported nodes become warnings instead of errors
     std::map<std::string, std::string> defines{};  // values of <default> names, as Mitsuba's -D
 };
 
-/// Reads a scene. A bare name ("cornell") is looked up in PAVE's own scenes folder (PAVE_SCENE_DIR overrides), anything with
-/// a slash or ".xml" is a path. Throws InputError as "file:line: node: reason", UsageError for a define that the file lacks.
+/// Reads a scene. A bare name ("cornell") is looked up in PAVE's own scenes folder (PAVE_SCENE_DIR
+/// overrides), anything with a slash or ".xml" is a path. Throws InputError as "file:line: node:
+/// reason", UsageError for a define that the file lacks.
 Scene load_scene(const std::string& path_or_name, const LoadOptions& options = {});
 
-/// `count` views on the hemisphere around `scene`'s centre on the side of its camera, all looking at the centre, as in the
-/// papers: evenly over the directions up to 45 degrees off the line from centre to camera, at the camera's distance and with
-/// its field of view. Deterministic in `seed`; view i is the same for every `count` > i. Throws UsageError for a camera in
-/// the centre.
+/// `count` views on the hemisphere around `scene`'s centre on the side of its camera, all looking
+/// at the centre, as in the papers: evenly over the directions up to 45 degrees off the line from
+/// centre to camera, at the camera's distance and with its field of view. Deterministic in `seed`;
+/// view i is the same for every `count` > i. Throws UsageError for a camera in the centre.
 std::vector<View> hemisphere_views(const Scene& scene, int count, uint64_t seed);
 
 }  // namespace pave

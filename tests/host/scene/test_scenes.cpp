@@ -116,6 +116,24 @@ TEST(Scenes, FurnacesTakeTheirParameters) {
     }
 }
 
+class SceneDocs : public SceneFiles {};
+
+TEST_F(SceneDocs, ExamplesLoad) {
+    std::ifstream stream(std::string(PAVE_SOURCE_DIR) + "/docs/scenes.md");
+    const std::string text((std::istreambuf_iterator<char>(stream)), {});
+    const std::string open = "```xml\n", close = "```\n";
+    int count = 0;
+    for (size_t at = text.find(open); at != std::string::npos;
+         at = text.find(open, at + 1), ++count) {
+        const size_t begin = at + open.size();
+        const std::string example = text.substr(begin, text.find(close, begin) - begin);
+        const Scene scene = load_scene(write("example.xml", example), {.defines = {{"spp", "16"}}});
+        EXPECT_EQ(scene.spp, 16);
+        EXPECT_EQ(scene.shapes.size(), 2u);
+    }
+    EXPECT_EQ(count, 1);
+}
+
 TEST(Scenes, MaterialsHaveEverything) {
     const Scene scene = shipped("materials");
     std::set<Bsdf::Type> types;
