@@ -194,7 +194,7 @@ class Discriminator(nn.Module):
         )
         for module in self.modules():
             if isinstance(module, nn.Conv2d):
-                nn.init.normal_(module.weight, 0.0, 0.02)
+                nn.init.kaiming_normal_(module.weight, a=LEAK)
                 if module.bias is not None:
                     nn.init.zeros_(module.bias)
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from pave.errors import UsageError
 from pave.losses import GAN_MODES
-from pave.models import GeneratorOptions
+from pave.models import NORMS, GeneratorOptions
 from pave.schema import check_channels
 
 DEFAULT_INPUTS = ("albedo", "direct", "normal", "depth")
@@ -42,6 +42,7 @@ class TrainOptions:
     refine: int = 1
     d_filters: int = 16
     d_layers: int = 3
+    d_norm: str = "batch"  # without it the discriminator learns too slowly to matter
     ema_decay: float = 0.998
     mirror: bool = False  # half of the images mirrored, with their normals
     best: str = "psnr"
@@ -106,6 +107,7 @@ class TrainOptions:
             raise UsageError(f"minutes {self.minutes} is not above 0")
         for name, allowed in (
             ("gan_mode", GAN_MODES),
+            ("d_norm", NORMS),
             ("best", BEST_METRICS),
             ("device", ("auto", "cpu", "cuda")),
         ):

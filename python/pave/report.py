@@ -207,15 +207,17 @@ def _note(image: torch.Tensor, truth: torch.Tensor) -> str:
 
 
 def _busiest_box(truth: torch.Tensor) -> tuple[int, int, int]:
-    """(top, left, side) of the quarter-size square with the most contrast, lamps apart: edges and shadows, no blank wall."""
+    """(top, left, side) of the quarter-size square with the most contrast inside the scene: neither lamps nor nothing."""
     lamp = (truth >= 1).all(0).numpy()
+    nothing = (truth <= 0).all(0).numpy()
     grey = plots.display_pixels(truth).astype(np.float64).mean(-1)
     side = max(8, min(grey.shape) // 4)
     best, place = -1.0, (0, 0)
     for top in range(0, grey.shape[0] - side + 1, max(side // 4, 1)):
         for left in range(0, grey.shape[1] - side + 1, max(side // 4, 1)):
             window = np.s_[top : top + side, left : left + side]
-            spread = -0.5 if lamp[window].any() else float(grey[window].std())
+            outside = lamp[window].any() or nothing[window].mean() > 0.05
+            spread = -0.5 if outside else float(grey[window].std())
             if spread > best:
                 best, place = spread, (top, left)
     return place[0], place[1], side

@@ -93,7 +93,7 @@ class Trainer:
                 schema.in_planes + schema.output_planes,
                 options.d_filters,
                 options.d_layers,
-                options.norm,
+                options.d_norm,
             )
         )
         self.average = Average(self.generator, options.ema_decay)
