@@ -49,8 +49,7 @@ _CHANNEL_ALIGNMENT = 4096  # bytes; kChannelAlignment of staging/include/pave/fr
 
 
 def copies() -> int:
-    """How many times PAVE has copied a channel's pixels between a slot and other memory in this
-    process.
+    """Copies of a channel's pixels between a slot and other memory that PAVE made in this process.
 
     Counted, one for each channel: `numpy(copy=True)` and the other explicit copies of this module;
     `DataLoader.get(NAME)`, which stacks frames; rendering or drawing into a frame that is not in
@@ -196,9 +195,8 @@ class Channel:
             )
         slot = cl.Buffer.from_int_ptr(handle, retain=True)
         buffer = slot.get_sub_region(self._byte_offset, self.byte_size)
-        buffer.pave_frame = (
-            self._frame
-        )  # pyopencl's objects take attributes: this one holds the slot
+        # pyopencl's objects take attributes; this one holds the slot as long as the object lives.
+        buffer.pave_frame = self._frame
         return buffer
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:

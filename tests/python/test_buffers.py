@@ -154,6 +154,32 @@ def test_a_slot_is_not_reused_while_anything_over_it_lives(stage, holder):
     again.release()
 
 
+def test_a_transfer_on_its_way_holds_the_slot(device, stage):
+    """The copy waits at a gate while everything that Python knows of the slot is dropped."""
+    context, queue = device.pyopencl()
+    frame = stage.acquire()
+    frame["color"].numpy()[:] = 11
+    gate = cl.UserEvent(context)
+    target = cl.Buffer(context, cl.mem_flags.READ_WRITE, frame["color"].byte_size)
+    transfer = cl.enqueue_copy(
+        queue, target, frame["color"].numpy(), is_blocking=False, wait_for=[gate]
+    )
+    stage.publish(frame)
+    stage.flush()
+    frame.release()
+    gc.collect()
+    with pytest.raises(pave.RunError, match="held by readers"):
+        stage.acquire()
+    gate.set_status(cl.command_execution_status.COMPLETE)
+    transfer.wait()
+    del transfer
+    gc.collect()
+    stage.acquire()["color"].numpy()[:] = 0
+    out = np.empty((3, SIZE, SIZE), np.float32)
+    cl.enqueue_copy(queue, out, target)
+    assert (out == 11).all()
+
+
 def test_views_outlive_frame_stage_and_device():
     device = pave.Device("cpu")
     stage = pave.Stage(device, "mem:", width=SIZE, height=SIZE, channels=["color"], slots=2)
