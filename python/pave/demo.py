@@ -41,10 +41,17 @@ class DemoSetting:
 
 
 SETTINGS = {
-    "quick": DemoSetting(60, 10, 64, 64, 50, {"epochs": 12, "filters": 16, "unet_depth": 4}),
+    "quick": DemoSetting(60, 10, 64, 64, 50, {"epochs": 30, "filters": 16, "unet_depth": 4}),
     "standard": DemoSetting(480, 48, 128, 256, 50, {"minutes": 8.0}),
     # The papers: 3080 views, 256x256, 1000 samples, depth 50, 400 epochs.
-    "full": DemoSetting(3080, 96, 256, 1000, 50, {"epochs": 400, "filters": 64, "unet_depth": 6}),
+    "full": DemoSetting(
+        3080,
+        96,
+        256,
+        1000,
+        50,
+        {"epochs": 400, "filters": 64, "unet_depth": 6, "batch": 4, "lr": 5e-4},
+    ),
 }
 
 
