@@ -6,7 +6,7 @@ SPDX-License-Identifier: BSD-3-Clause
 from __future__ import annotations
 
 import hashlib
-import pickle
+from multiprocessing.reduction import ForkingPickler  # what hands objects to spawned workers
 from pathlib import Path
 
 import numpy as np
@@ -234,16 +234,16 @@ def test_forked_workers_give_the_same_samples(places, place):
 
 
 @pytest.mark.parametrize("place", ["bp", "exr"])
-def test_a_pickled_data_set_opens_the_files_anew(places, place):
+def test_a_spawned_worker_opens_the_files_anew(places, place):
     dataset = pave.Dataset(places[place], NAMES, indices=[5, 1])
-    copy = pickle.loads(pickle.dumps(dataset))
+    copy = ForkingPickler.loads(ForkingPickler.dumps(dataset))
     assert copy.indices == (5, 1)
     assert digest(copy) == digest(dataset)
 
 
-def test_mem_cannot_be_pickled(places):
+def test_mem_cannot_go_to_a_spawned_worker(places):
     with pytest.raises(pave.UsageError, match="one process"):
-        pickle.dumps(pave.Dataset(places["mem"], NAMES))
+        ForkingPickler.dumps(pave.Dataset(places["mem"], NAMES))
 
 
 def test_two_threads_share_a_data_set(places):
