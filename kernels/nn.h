@@ -23,7 +23,8 @@ typedef NN_PASTE(int, NN_LANES) nn_ivec;
 #define nn_store(v, p) NN_PASTE(vstore, NN_LANES)(v, 0, p)
 #endif
 
-#ifndef NN_SERIAL /* 1: one work-item a work-group, so that PoCL compiles straight code without work-item loops */
+#ifndef NN_SERIAL /* 1: one work-item a work-group, so that PoCL compiles straight code without \
+                     work-item loops */
 #define NN_SERIAL 0
 #endif
 #if NN_SERIAL

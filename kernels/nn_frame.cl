@@ -1,9 +1,10 @@
-// From a frame's channels to the network's input and from its result to a channel, with the radiance transfer.
-// SPDX-License-Identifier: BSD-3-Clause
+// From a frame's channels to the network's input and from its result to a channel, with the
+// radiance transfer. SPDX-License-Identifier: BSD-3-Clause
 #include "nn.h"
 
-/* The transfer "srgb_log": sRGB's opto-electronic curve (IEC 61966-2-1) up to 1, above it 1 + s ln(x), which goes on with
-   the same slope s = 1.055 / 2.4. python/pave/transfer.py is the same pair. */
+/* The transfer "srgb_log": sRGB's opto-electronic curve (IEC 61966-2-1) up to 1, above it 1 + s
+   ln(x), which goes on with the same slope s = 1.055 / 2.4. python/pave/transfer.py is the same
+   pair. */
 #define NN_LINEAR_END 0.0031308f
 #define NN_LINEAR_SLOPE 12.92f
 #define NN_LOG_SLOPE (1.055f / 2.4f)
@@ -26,7 +27,9 @@ static inline nn_vec nn_inverse_transfer(nn_vec y) {
 
 static inline nn_vec nn_encode_value(const NnEncode s, nn_vec x, int plane) {
     if (s.encode == NN_ENCODE_RADIANCE) return nn_transfer(x) * s.scale;
-    if (s.encode == NN_ENCODE_DEPTH) return s.scale / (s.scale + (x > 0.0f ? x : (nn_vec)(0.0f)));  // a miss is +inf and becomes 0
+    if (s.encode == NN_ENCODE_DEPTH)
+        return s.scale /
+               (s.scale + (x > 0.0f ? x : (nn_vec)(0.0f)));  // a miss is +inf and becomes 0
     if (s.encode == NN_ENCODE_POSITION) return (x - s.center[plane]) * s.scale;
     return x;
 }

@@ -1,5 +1,5 @@
-// Both sides of a convolution by matrix product: pixels to columns before it, bias, activation and placing after it.
-// SPDX-License-Identifier: BSD-3-Clause
+// Both sides of a convolution by matrix product: pixels to columns before it, bias, activation and
+// placing after it. SPDX-License-Identifier: BSD-3-Clause
 #include "nn.h"
 
 /* columns[pixel][tap][channel] = the input under that tap, 0 outside of the image.
@@ -13,7 +13,8 @@ NN_KERNEL void nn_columns(const NnColumns s, __global const float* restrict aren
     const int grid_y = n / s.grid_width;
     const int x = (n - grid_y * s.grid_width) * s.in_step + tap.x, y = grid_y * s.in_step + tap.y;
     const bool inside = (uint)x < (uint)s.src_width && (uint)y < (uint)s.src_height;
-    __global const float* src = arena + s.src_first + (inside ? (y * s.src_width + x) * s.src_step : 0);
+    __global const float* src =
+        arena + s.src_first + (inside ? (y * s.src_width + x) * s.src_step : 0);
     __global float* dst = columns + ((size_t)get_global_id(2) * s.taps + t) * s.in_channels;
     for (int c = channel_first; c < channel_end; c += NN_LANES) {
         const int count = channel_end - c;
@@ -21,7 +22,8 @@ NN_KERNEL void nn_columns(const NnColumns s, __global const float* restrict aren
     }
 }
 
-/* arena pixel = activation(rows[pixel] + bias). Global size: (groups of channels_per_item channels, pixels). */
+/* arena pixel = activation(rows[pixel] + bias). Global size: (groups of channels_per_item channels,
+ * pixels). */
 NN_KERNEL void nn_scatter(const NnScatter s, __global const float* restrict rows,
                           __global const float* restrict bias, __global float* restrict arena) {
     const int channel_first = (int)get_global_id(0) * s.channels_per_item;

@@ -19,8 +19,9 @@ static inline nn_vec nn_row_value(const NnRows s, __global const float* paramete
     return x;
 }
 
-/* dst = activation(op(src, other)); in place where op reads each value once, that is all but upsampling.
-   Global size: (groups of channels_per_item channels, groups of pixels_per_item pixels). */
+/* dst = activation(op(src, other)); in place where op reads each value once, that is all but
+   upsampling. Global size: (groups of channels_per_item channels, groups of pixels_per_item
+   pixels). */
 NN_KERNEL void nn_rows(const NnRows s, __global const float* parameters, __global float* arena) {
     const int channel_first = (int)get_global_id(0) * s.channels_per_item;
     const int channel_end = min(channel_first + s.channels_per_item, s.channels);
@@ -35,8 +36,8 @@ NN_KERNEL void nn_rows(const NnRows s, __global const float* parameters, __globa
         }
 }
 
-/* partial[chunk][2][channels] = mean and sum of squared deviations of the chunk: two passes, so that nothing cancels.
-   Global size: (groups of NN_LANES channels, chunks). */
+/* partial[chunk][2][channels] = mean and sum of squared deviations of the chunk: two passes, so
+   that nothing cancels. Global size: (groups of NN_LANES channels, chunks). */
 NN_KERNEL void nn_moments(const NnMoments s, __global const float* restrict arena,
                           __global float* restrict partial) {
     const int c = (int)get_global_id(0) * NN_LANES, count = s.channels - c;
@@ -55,10 +56,12 @@ NN_KERNEL void nn_moments(const NnMoments s, __global const float* restrict aren
     nn_store_part(squares, to + s.channels, count);
 }
 
-/* Joins the chunks (Chan, Golub, LeVeque 1983, eq. 2.1) and writes nn_affine's parameters: mean, weight / sqrt(var + eps),
-   bias. `gains` is [2][channels], weight and bias. Global size: (groups of NN_LANES channels). */
+/* Joins the chunks (Chan, Golub, LeVeque 1983, eq. 2.1) and writes nn_affine's parameters: mean,
+   weight / sqrt(var + eps), bias. `gains` is [2][channels], weight and bias. Global size: (groups
+   of NN_LANES channels). */
 NN_KERNEL void nn_normalise(const NnMoments s, __global const float* restrict partial,
-                            __global const float* restrict gains, __global float* restrict parameters) {
+                            __global const float* restrict gains,
+                            __global float* restrict parameters) {
     const int c = (int)get_global_id(0) * NN_LANES, count = s.channels - c;
     nn_vec mean = (nn_vec)(0.0f), squares = (nn_vec)(0.0f);
     float n = 0.0f;
@@ -67,11 +70,26 @@ NN_KERNEL void nn_normalise(const NnMoments s, __global const float* restrict pa
         const float m = (float)min(s.pixels_per_chunk, s.pixels - chunk * s.pixels_per_chunk);
         const nn_vec difference = nn_load_part(from, count) - mean;
         mean = fma(difference, (nn_vec)(m / (n + m)), mean);
-        squares += nn_load_part(from + s.channels, count) + difference * difference * (n * m / (n + m));
+        squares +=
+            nn_load_part(from + s.channels, count) + difference * difference * (n * m / (n + m));
         n += m;
     }
     nn_store_part(mean, parameters + c, count);
     nn_store_part(nn_load_part(gains + c, count) / sqrt(squares / n + s.eps),
                   parameters + s.channels + c, count);
-    nn_store_part(nn_load_part(gains + s.channels + c, count), parameters + 2 * s.channels + c, count);
+    nn_store_part(nn_load_part(gains + s.channels + c, count), parameters + 2 * s.channels + c,
+                  count);
+}
+
+/* Sizes of the parameter blocks as this compiler sees them; the tests compare them with the host's.
+ */
+NN_KERNEL void nn_struct_sizes(__global int* sizes) {
+    sizes[0] = sizeof(NnRows);
+    sizes[1] = sizeof(NnConv);
+    sizes[2] = sizeof(NnPhase);
+    sizes[3] = sizeof(NnColumns);
+    sizes[4] = sizeof(NnScatter);
+    sizes[5] = sizeof(NnMoments);
+    sizes[6] = sizeof(NnEncode);
+    sizes[7] = sizeof(NnDecode);
 }

@@ -1,5 +1,5 @@
-// Parameter blocks of the network's kernels, read by both compilers: 32-bit fields only, so that the layouts agree.
-// SPDX-License-Identifier: BSD-3-Clause
+// Parameter blocks of the network's kernels, read by both compilers: 32-bit fields only, so that
+// the layouts agree. SPDX-License-Identifier: BSD-3-Clause
 #ifndef PAVE_NN_TYPES_H
 #define PAVE_NN_TYPES_H
 
@@ -9,7 +9,8 @@
 #define NN_ACT_SIGMOID 2
 #define NN_ACT_TANH 3
 
-/* Operations of NnRows: src; (src - parameters[0]) * parameters[1] + parameters[2] a channel; src with other. */
+/* Operations of NnRows: src; (src - parameters[0]) * parameters[1] + parameters[2] a channel; src
+ * with other. */
 #define NN_ROWS_COPY 0
 #define NN_ROWS_AFFINE 1
 #define NN_ROWS_ADD 2
@@ -22,8 +23,9 @@
 #define NN_ENCODE_DEPTH 2
 #define NN_ENCODE_POSITION 3
 
-/* A tensor is (height, width, channels) with the channels of a pixel side by side; "first" is the float in the arena at
-   which it starts and "step" the floats from a pixel to the next (more than its channels when it is part of a wider one). */
+/* A tensor is (height, width, channels) with the channels of a pixel side by side; "first" is the
+   float in the arena at which it starts and "step" the floats from a pixel to the next (more than
+   its channels when it is part of a wider one). */
 
 /* Element by element over `pixels` x `channels` of the output. */
 typedef struct {
@@ -42,7 +44,8 @@ typedef struct {
 typedef struct {
     int src_first, src_step, src_width, src_height;
     int dst_first, dst_step, dst_width;
-    int in_step, out_step; /* grid pixel (x, y) reads around (x, y) * in_step and writes (x, y) * out_step + phase's out */
+    int in_step, out_step; /* grid pixel (x, y) reads around (x, y) * in_step and writes (x, y) *
+                              out_step + phase's out */
     int in_channels, out_channels;
     int tiles_per_item;
     int zeros_first; /* floats into the weights: in_channels zeros, read outside of the image */
@@ -50,7 +53,8 @@ typedef struct {
     float slope;
 } NnConv;
 
-/* The outputs of a convolution that share their taps: one phase for a convolution, stride^2 for a transposed one. */
+/* The outputs of a convolution that share their taps: one phase for a convolution, stride^2 for a
+ * transposed one. */
 typedef struct {
     int grid_width, grid_height;
     int out_x, out_y;
@@ -59,7 +63,8 @@ typedef struct {
     int unused;
 } NnPhase;
 
-/* im2col of grid pixels [pixel_first, pixel_first + pixels) of a phase: rows of taps * in_channels floats. */
+/* im2col of grid pixels [pixel_first, pixel_first + pixels) of a phase: rows of taps * in_channels
+ * floats. */
 typedef struct {
     int src_first, src_step, src_width, src_height;
     int grid_width, in_step;
@@ -68,7 +73,8 @@ typedef struct {
     int in_channels, channels_per_item;
 } NnColumns;
 
-/* Dense rows of out_channels floats, for the same pixels, to where they belong, plus bias and activation. */
+/* Dense rows of out_channels floats, for the same pixels, to where they belong, plus bias and
+ * activation. */
 typedef struct {
     int dst_first, dst_step, dst_width;
     int grid_width, out_step, out_x, out_y;
@@ -86,18 +92,20 @@ typedef struct {
     float eps;
 } NnMoments;
 
-/* One channel of a frame to planes of the network's input. Planes are padded by replication at the right and the bottom. */
+/* One channel of a frame to planes of the network's input. Planes are padded by replication at the
+ * right and the bottom. */
 typedef struct {
     int src_first; /* floats into the slot */
     int width, height;
     int planes, repeat;
     int dst_first, dst_step, padded_width, padded_height;
     int encode;
-    float scale;      /* depth: scale / (scale + d); radiance: 1 / f(peak); position: 1 / radius */
+    float scale; /* depth: scale / (scale + d); radiance: 1 / f(peak); position: 1 / radius */
     float center[3];
 } NnEncode;
 
-/* The network's result to a channel of a frame; encoded_peak = f(peak), 0 leaves the values alone. */
+/* The network's result to a channel of a frame; encoded_peak = f(peak), 0 leaves the values alone.
+ */
 typedef struct {
     int src_first, src_step, padded_width;
     int dst_first, width, height, planes;

@@ -45,11 +45,14 @@ class WeightStore {
         packed_;  // by node and tile_channels, 0 for matrix
 };
 
-/// A convolution ready to run. enqueue() is non-blocking, on the device's queue.
+/// A convolution ready to run. Non-blocking, on the device's queue.
 class Conv {
    public:
     virtual ~Conv() = default;
     virtual void enqueue(const cl::Buffer& arena) = 0;
+    /// Enqueues about so many multiply-adds of it, at least one launch's worth, for measuring;
+    /// returns which part of the whole that is, in (0, 1].
+    virtual double enqueue_sample(const cl::Buffer& arena, int64_t multiply_adds) = 0;
 };
 
 /// Register tiles of pixels x channels (kernels/nn_conv.cl).

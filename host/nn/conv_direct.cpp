@@ -51,7 +51,19 @@ class DirectConv : public Conv {
         upload_phases(geometry, packed);
     }
 
-    void enqueue(const cl::Buffer& arena) override {
+    void enqueue(const cl::Buffer& arena) override { enqueue_items(arena, items_); }
+
+    double enqueue_sample(const cl::Buffer& arena, int64_t multiply_adds) override {
+        const int64_t wanted = multiply_adds / std::max<int64_t>(1, row_work_);
+        const int items = static_cast<int>(std::clamp<int64_t>(wanted, 1, items_));
+        enqueue_items(arena, items);
+        return static_cast<double>(items) / items_;
+    }
+
+   private:
+    /// The first `items` work-items of each block of output channels and each phase.
+    void enqueue_items(const cl::Buffer& arena, int items) {
+        const cl::NDRange global(static_cast<size_t>(items), blocks_, phase_count_);
         launch(runtime_.device(), runtime_.direct_convolution(block_), global_, runtime_.local(),
                s_, arena, weights_, bias_, phases_, taps_, arena);
     }
@@ -92,15 +104,19 @@ class DirectConv : public Conv {
         tiles_per_item = std::clamp<int64_t>(fair, 1, tiles_per_item);
         if (!runtime_.serial()) tiles_per_item = 1;
         s_.tiles_per_item = static_cast<int>(tiles_per_item);
-        global_ = cl::NDRange(static_cast<size_t>(ceil_div(tiles, s_.tiles_per_item)),
-                              static_cast<size_t>(blocks), phases);
+        items_ = ceil_div(tiles, s_.tiles_per_item);
+        blocks_ = static_cast<size_t>(blocks);
+        phase_count_ = phases;
+        row_work_ = tiles_per_item * tile_work * blocks * static_cast<int64_t>(phases);
     }
 
     Runtime& runtime_;
     int block_, tile_channels_;
     NnConv s_;
     cl::Buffer weights_, bias_, phases_, taps_;
-    cl::NDRange global_;
+    int items_ = 1;  // along the pixels
+    size_t blocks_ = 1, phase_count_ = 1;
+    int64_t row_work_ = 1;  // multiply-adds of the items at one place along the pixels
 };
 
 }  // namespace

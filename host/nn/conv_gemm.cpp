@@ -89,7 +89,32 @@ class GemmConv : public Conv {
         }
     }
 
+    double enqueue_sample(const cl::Buffer& arena, int64_t multiply_adds) override {
+        int64_t all = 0;
+        size_t largest = 0;
+        for (size_t i = 0; i < geometry_.phases.size(); ++i) {
+            all += pixels_of(i) * row_work(i);
+            if (pixels_of(i) * row_work(i) > pixels_of(largest) * row_work(largest)) largest = i;
+        }
+        const int64_t row = std::max<int64_t>(1, row_work(largest));
+        const int64_t limit = std::min<int64_t>(
+            pixels_of(largest),
+            static_cast<int64_t>(kColumnByteLimit /
+                                 (depth_of(geometry_.phases[largest]) * sizeof(float) + 1)) +
+                1);
+        const int64_t pixels = std::clamp<int64_t>(multiply_adds / row, 1, limit);
+        enqueue_chunk(arena, largest, 0, static_cast<int>(pixels));
+        return static_cast<double>(pixels * row) / static_cast<double>(std::max<int64_t>(1, all));
+    }
+
    private:
+    int64_t pixels_of(size_t phase) const {
+        return static_cast<int64_t>(geometry_.phases[phase].grid_w) *
+               geometry_.phases[phase].grid_h;
+    }
+    int64_t row_work(size_t phase) const {
+        return static_cast<int64_t>(depth_of(geometry_.phases[phase])) * site_.node->out_channels;
+    }
     size_t depth_of(const Phase& phase) const {
         return phase.taps.size() * static_cast<size_t>(site_.node->weight_in_channels);
     }

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cstdlib>
+#include <limits>
 #include <sstream>
 
 #include "host/device/cache.h"
@@ -16,8 +17,8 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 constexpr int kRepeats = 3;  // the least time counts: noise only adds
-constexpr auto kRepeatBudget =
-    std::chrono::milliseconds(100);  // slow candidates are timed fewer times
+constexpr int64_t kSampleWork =
+    1 << 25;  // multiply-adds timed on a CPU: milliseconds, even where they are slow
 constexpr size_t kMaxRemembered = 4096;
 
 std::string cache_file(const Device& device) {
@@ -97,19 +98,18 @@ ConvKind ConvPlan::choose(const ConvSite& site, const cl::Buffer& arena) {
 }
 
 ConvTiming ConvPlan::measure(const ConvSite& site, const cl::Buffer& arena) {
+    // A GPU needs all of the work to show its speed, and does it at once.
+    const int64_t work = runtime_.serial() ? kSampleWork : std::numeric_limits<int64_t>::max();
     const auto time_us = [&](ConvKind kind) {
         const std::unique_ptr<Conv> conv = make_conv(kind, runtime_, store_, site);
-        double best_us = 0.0;
-        const auto begin = Clock::now();
-        for (int i = 0; i <= kRepeats;
-             ++i) {  // the first run compiles and counts only if it stays alone
+        double best_us = std::numeric_limits<double>::max();
+        for (int i = 0; i <= kRepeats; ++i) {
             const auto start = Clock::now();
-            conv->enqueue(arena);
+            const double part = conv->enqueue_sample(arena, work);
             finish(runtime_.device(), "a convolution being measured");
             const double us =
                 std::chrono::duration<double, std::micro>(Clock::now() - start).count();
-            best_us = i <= 1 ? us : std::min(best_us, us);
-            if (i >= 1 && Clock::now() - begin > kRepeatBudget) break;
+            if (i > 0) best_us = std::min(best_us, us / part);  // the first run compiles
         }
         return best_us;
     };

@@ -4,71 +4,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <filesystem>
 
-#include "host/nn/file.h"
 #include "host/nn/network.h"
-#include "pave/hash.h"
+#include "host/nn/run_folder.h"
 
 namespace pave {
 namespace {
-
-namespace fs = std::filesystem;
-constexpr const char* kSchemaName = "generator.json";
-constexpr const char* kManifestName = "run-manifest.json";
-constexpr size_t kSchemaByteLimit = size_t{4} << 20;
-constexpr size_t kWeightsByteLimit = size_t{4} << 30;  // 2^30 parameters
-
-std::string_view text_of(const std::vector<std::byte>& bytes) {
-    return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
-}
-
-/// Checksum that the run's manifest states for `name`; "" if there is no manifest, or nothing about
-/// that file in it.
-std::string manifest_hash(const fs::path& folder, const std::string& name) {
-    const std::string path = (folder / kManifestName).string();
-    if (!fs::exists(fs::symlink_status(path))) return {};
-    const nlohmann::json document =
-        nn::parse_json(text_of(nn::read_file(path, kSchemaByteLimit)), path);
-    const auto files = document.is_object() ? document.find("files") : document.end();
-    if (files == document.end() || !files->is_object()) throw InputError(path + ": has no 'files'");
-    const auto found = files->find(name);
-    if (found == files->end()) return {};
-    if (!found->is_string()) throw InputError(path + ": the checksum of " + name + " is no string");
-    return found->get<std::string>();
-}
-
-void verify(const std::string& path, const std::string& expected, const std::string& actual,
-            const char* said_by) {
-    if (expected == actual) return;
-    throw InputError(path + ": checksum " + actual + ", but " + said_by + " says " +
-                     expected.substr(0, 64) + "; the file is damaged, export it again");
-}
-
-struct Loaded {
-    nn::Schema schema;
-    std::string weights_version;
-};
-
-/// Reads both files; nothing is parsed before its checksum was compared, where there is one.
-Loaded load(const std::string& run_folder) {
-    const fs::path folder(run_folder);
-    const std::string schema_path = (folder / kSchemaName).string();
-    const std::vector<std::byte> schema_bytes = nn::read_file(schema_path, kSchemaByteLimit);
-    if (const std::string hash = manifest_hash(folder, kSchemaName); !hash.empty())
-        verify(schema_path, hash, hash_hex(schema_bytes), kManifestName);
-    const nn::WeightsReference reference =
-        nn::read_weights_reference(text_of(schema_bytes), schema_path);
-    const std::string weights_path = (folder / reference.file).string();
-    const std::vector<std::byte> weights_bytes = nn::read_file(weights_path, kWeightsByteLimit);
-    const std::string weights_hash = hash_hex(weights_bytes);
-    verify(weights_path, reference.hash, weights_hash, kSchemaName);
-    if (const std::string hash = manifest_hash(folder, reference.file); !hash.empty())
-        verify(weights_path, hash, weights_hash, kManifestName);
-    return {nn::read_schema(text_of(schema_bytes), schema_path,
-                            nn::read_safetensors(weights_bytes, weights_path)),
-            weights_hash};
-}
 
 /// f(peak) of the transfer "srgb_log", which radiance is divided by; see kernels/nn_frame.cl.
 float encoded_peak(float peak) { return 1.0f + 1.055f / 2.4f * std::log(std::max(peak, 1.0f)); }
@@ -113,10 +54,10 @@ std::vector<float> crop(const std::vector<float>& planes, int padded_width, int 
 
 class Generator::Impl {
    public:
-    Impl(const Device& device, Loaded loaded)
+    Impl(const Device& device, nn::Run run)
         : device_(device),
-          schema_(std::move(loaded.schema)),
-          weights_version_(std::move(loaded.weights_version)),
+          schema_(std::move(run.schema)),
+          weights_version_(std::move(run.weights_version)),
           input_channels_(schema_.graph.input_channels),
           network_(device, std::move(schema_.graph), {nn::conv_policy(), 0}) {
         for (const nn::InputChannel& input : schema_.inputs) inputs_.push_back(input.channel);
@@ -305,7 +246,7 @@ std::vector<float> Generator::Impl::run(std::span<const float> input, int width,
 }
 
 Generator::Generator(const Device& device, const std::string& run_folder)
-    : impl_(std::make_unique<Impl>(device, load(run_folder))) {}
+    : impl_(std::make_unique<Impl>(device, nn::load_run(run_folder))) {}
 Generator::~Generator() = default;
 Generator::Generator(Generator&&) noexcept = default;
 Generator& Generator::operator=(Generator&&) noexcept = default;

@@ -232,6 +232,8 @@ Layout lay_out(const Graph& graph, const Program& program, const std::vector<Ext
         touch(program.steps[i].output, static_cast<int>(i) + 1);
     }
     touch(graph.result, static_cast<int>(program.steps.size()) + 1);
+    if (guard_byte_size > 0)
+        for (Lifetime& life : layout.lifetimes) life = {life.byte_size, 0, 0};
     layout.memory = plan_memory(layout.lifetimes, kArenaAlignment, guard_byte_size);
     if (layout.memory.byte_size / sizeof(float) >
         static_cast<size_t>(std::numeric_limits<int>::max()))

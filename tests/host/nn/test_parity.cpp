@@ -46,7 +46,7 @@ TEST_P(Parity, every_node_equals_torch) {
         if (GetParam().lanes == 1 && item.name.find("k4s2p1") == std::string::npos &&
             item.name != "joins" && item.name != "instance_affine" && item.name != "unet_batch")
             continue;
-        Network network(device, item.schema().graph, {GetParam().policy, 256});
+        Network network(device, item.schema().graph, {GetParam().policy, 0});
         EXPECT_GE(compare(item, network, true), 1) << item.name;
     }
 }
