@@ -1,24 +1,24 @@
-// Materials in the local frame of the shading normal (+z): diffuse, smooth and rough conductor, smooth dielectric.
-// SPDX-License-Identifier: BSD-3-Clause
-// wi points back along the path, wo onwards. Definitions are Mitsuba 3's, in its radiance transport mode.
+// Materials in the local frame of the shading normal (+z): diffuse, smooth and rough conductor,
+// smooth dielectric. SPDX-License-Identifier: BSD-3-Clause wi points back along the path, wo
+// onwards. Definitions are Mitsuba 3's, in its radiance transport mode.
 #pragma once
 #include "sampling.h"
 #include "vertex.h"
 
 typedef struct {
     vint bits;
-    vec3 albedo;                       // diffuse reflectance
-    vfloat alpha_u, alpha_v;           // rough conductor
-    vfloat eta;                        // dielectric: inside over outside
-    vec3 eta_complex, k;               // conductors
-    vec3 reflectance, transmittance;   // specular tints
+    vec3 albedo;                      // diffuse reflectance
+    vfloat alpha_u, alpha_v;          // rough conductor
+    vfloat eta;                       // dielectric: inside over outside
+    vec3 eta_complex, k;              // conductors
+    vec3 reflectance, transmittance;  // specular tints
 } Material;
 
 typedef struct {
     vec3 wo;
-    vec3 weight;    // f * cos / pdf
-    vfloat pdf;     // INFINITY for a delta lobe: then a light sample can not compete (see mis_weight)
-    vfloat eta;     // relative index of the medium entered, for roulette
+    vec3 weight;  // f * cos / pdf
+    vfloat pdf;   // INFINITY for a delta lobe: then a light sample can not compete (see mis_weight)
+    vfloat eta;   // relative index of the medium entered, for roulette
 } BsdfSample;
 
 /// Flips wi and wo of a two-sided material to the front; the flip is undone on what is sampled.
@@ -50,7 +50,8 @@ static inline Material material_of(const Scene* s, const Vertex* v) {
     if (lane_any(other)) {
         __global const float8* table = s->tables + s->p->bsdf_row;
         const vint row = bits_bsdf(v->bits) * BSDF_ROWS;
-        const Row r0 = gather_row(table, row), r1 = gather_row(table, row + 1), r2 = gather_row(table, row + 2);
+        const Row r0 = gather_row(table, row), r1 = gather_row(table, row + 1),
+                  r2 = gather_row(table, row + 2);
         m.alpha_u = r0.s4;
         m.alpha_v = r0.s5;
         m.eta = r0.s6;
@@ -82,8 +83,8 @@ static inline vec3 fresnel_conductor(vfloat c, vec3 eta, vec3 k) {
                    fresnel_conductor_1(c, eta.z, k.z));
 }
 
-/// Reflectance of a dielectric; cos_i is signed, *cos_t gets the opposite sign, *eta_ti the index ratio incident over
-/// transmitted. Total reflection gives 1.
+/// Reflectance of a dielectric; cos_i is signed, *cos_t gets the opposite sign, *eta_ti the index
+/// ratio incident over transmitted. Total reflection gives 1.
 static inline vfloat fresnel_dielectric(vfloat cos_i, vfloat eta, vfloat* cos_t, vfloat* eta_ti) {
     const vmask outside = cos_i >= 0.0f;
     const vfloat inverse = 1.0f / eta;
@@ -115,7 +116,8 @@ static inline vfloat ggx_g1(vec3 v, vec3 m, vfloat au, vfloat av) {
 static inline vfloat pdf_ggx_visible(vec3 wi, vec3 m, vfloat au, vfloat av) {
     return ggx_d(m, au, av) * ggx_g1(wi, m, au, av) * vabs(dot3(wi, m)) / wi.z;
 }
-/// Facet normal seen from wi. Dupuy and Benyoub 2023, "Sampling visible GGX normals with spherical caps".
+/// Facet normal seen from wi. Dupuy and Benyoub 2023, "Sampling visible GGX normals with spherical
+/// caps".
 static inline vec3 sample_ggx_visible(vec3 wi, vfloat u1, vfloat u2, vfloat au, vfloat av) {
     const vec3 i = normalize3(vec3_of(au * wi.x, av * wi.y, wi.z));
     const vfloat z = mad_f(1.0f - u1, 1.0f + i.z, -i.z);
@@ -130,16 +132,19 @@ static inline vec3 sample_ggx_visible(vec3 wi, vfloat u1, vfloat u2, vfloat au, 
 static inline vec3 rough_eval(const Material* m, vec3 wi, vec3 wo, vfloat* pdf) {
     const vec3 h = normalize3(add3(wi, wo));
     const vfloat d = ggx_d(h, m->alpha_u, m->alpha_v);
-    const vfloat g_i = ggx_g1(wi, h, m->alpha_u, m->alpha_v), g_o = ggx_g1(wo, h, m->alpha_u, m->alpha_v);
+    const vfloat g_i = ggx_g1(wi, h, m->alpha_u, m->alpha_v),
+                 g_o = ggx_g1(wo, h, m->alpha_u, m->alpha_v);
     const vfloat base = d * g_i / (4.0f * wi.z);
     *pdf = base;  // visible normals: d * g1 * (wi.h) / wi.z over the half vector's 4 (wi.h)
-    return mul3(scale3(fresnel_conductor(dot3(wi, h), m->eta_complex, m->k), base * g_o), m->reflectance);
+    return mul3(scale3(fresnel_conductor(dot3(wi, h), m->eta_complex, m->k), base * g_o),
+                m->reflectance);
 }
 #endif
 
 // ---- All materials ----
 
-/// f * cos for the pair and *pdf, the density that sample_bsdf has for wo; 0 for specular materials.
+/// f * cos for the pair and *pdf, the density that sample_bsdf has for wo; 0 for specular
+/// materials.
 static inline vec3 eval_bsdf(const Material* m, vec3 wi, vec3 wo, vfloat* pdf) {
     const vmask flip = flipped(m->bits, wi);
     wi.z = flip ? -wi.z : wi.z;
@@ -162,7 +167,8 @@ static inline vec3 eval_bsdf(const Material* m, vec3 wi, vec3 wo, vfloat* pdf) {
 }
 
 #if PAVE_HAS_DIELECTRIC
-static inline void sample_dielectric(const Material* m, vec3 wi, vfloat u, vmask on, BsdfSample* out) {
+static inline void sample_dielectric(const Material* m, vec3 wi, vfloat u, vmask on,
+                                     BsdfSample* out) {
     vfloat cos_t, eta_ti;
     const vfloat r = fresnel_dielectric(wi.z, m->eta, &cos_t, &eta_ti);
     const vmask reflect = u <= r;

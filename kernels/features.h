@@ -1,5 +1,5 @@
-// What a program is specialised for. Everything is on by default: such a program renders any scene, only slower.
-// SPDX-License-Identifier: BSD-3-Clause
+// What a program is specialised for. Everything is on by default: such a program renders any scene,
+// only slower. SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 #include "lanes.h"
 
@@ -21,7 +21,8 @@
 #ifndef PAVE_HAS_SMOOTH /* triangles with vertex normals */
 #define PAVE_HAS_SMOOTH 1
 #endif
-#ifndef PAVE_TREE_SHAPES /* rectangles, disks, cubes and spheres are leaves of the tree, not broadcast */
+#ifndef PAVE_TREE_SHAPES /* rectangles, disks, cubes and spheres are leaves of the tree, not \
+                            broadcast */
 #define PAVE_TREE_SHAPES 1
 #endif
 #ifndef PAVE_HAS_CONDUCTOR /* materials beside diffuse */
@@ -63,7 +64,8 @@
 #ifndef PAVE_STACK /* traversal stack, 8..1024; the host computes what a tree needs */
 #define PAVE_STACK 128
 #endif
-#ifndef PAVE_SEGMENT /* most pixels a work-item renders, 1..256; 1 keeps their sums in registers */
+#ifndef PAVE_SEGMENT /* most pixels a work-item renders, 1..256; 1 keeps their sums in registers \
+                      */
 #define PAVE_SEGMENT 64
 #endif
 #if PAVE_TREE_SHAPES

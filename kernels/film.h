@@ -1,7 +1,8 @@
 // Pixels of one work-item: what a finished path adds, and how the sums of a pass become channels.
 // SPDX-License-Identifier: BSD-3-Clause
-// Sums are float32 over one pass (PASS_SPP samples at most), then passes are added up: so sums stay exact enough at 2^24
-// samples. The order of additions follows from the segment alone, never from the launch.
+// Sums are float32 over one pass (PASS_SPP samples at most), then passes are added up: so sums stay
+// exact enough at 2^24 samples. The order of additions follows from the segment alone, never from
+// the launch.
 #pragma once
 #include "features.h"
 #include "vec3.h"
@@ -17,10 +18,11 @@ enum {
     SUM_DEPTH = SUM_HITS + 1,
     SUM_DISTANCE = SUM_DEPTH + HAS_DEPTH,
     STAGED = SUM_DISTANCE + HAS_DISTANCE,  // so far one value a path; below is derived
-    SUM_SQUARES = STAGED,                  // in accumulators between passes: sum of squared differences from the mean
+    SUM_SQUARES =
+        STAGED,  // in accumulators between passes: sum of squared differences from the mean
     SUM_OBJECT = SUM_SQUARES + 3 * HAS_VARIANCE,
-    SUM_KEPT = SUM_OBJECT + HAS_OBJECT,    // floats a pixel keeps between passes
-    SUM_SHIFT = SUM_KEPT,                  // within a pass: first sample, and sum of differences from it
+    SUM_KEPT = SUM_OBJECT + HAS_OBJECT,  // floats a pixel keeps between passes
+    SUM_SHIFT = SUM_KEPT,  // within a pass: first sample, and sum of differences from it
     SUM_SHIFTED = SUM_SHIFT + 3 * HAS_VARIANCE,
     SUM_ALL = SUM_SHIFTED + 3 * HAS_VARIANCE
 };
@@ -81,7 +83,8 @@ static inline void stage_record(Stage* stage, const PathRecord* r) {
 #endif
 }
 
-/// Adds lane i of the stage to its pixel; `is_first` is the pixel's first sample in this pass, `sample` its number of all.
+/// Adds lane i of the stage to its pixel; `is_first` is the pixel's first sample in this pass,
+/// `sample` its number of all.
 static inline void add_path(float* sums, const Stage* stage, uint i, int is_first, uint sample) {
 #if HAS_VARIANCE
     for (int c = 0; c < 3; ++c) {
@@ -119,21 +122,23 @@ static inline void merge_pass(float* sums, __global float* kept, float n, float 
     }
 }
 
-static inline void write_3(__global float* frame, __constant const PathParams* p, int channel, ulong pixel, const float* v,
-                           float scale) {
+static inline void write_3(__global float* frame, __constant const PathParams* p, int channel,
+                           ulong pixel, const float* v, float scale) {
     __global float* plane = frame + p->channel_offset[channel] + pixel;
     for (int c = 0; c < 3; ++c) plane[c * p->plane] = v[c] * scale;
 }
 
 /// Channels of one pixel from its sums over `n` samples.
-static inline void write_pixel(__global float* frame, __constant const PathParams* p, ulong pixel, const float* sums, float n) {
+static inline void write_pixel(__global float* frame, __constant const PathParams* p, ulong pixel,
+                               const float* sums, float n) {
     const float hits = sums[SUM_HITS];
 #if HAS_COLOR
     write_3(frame, p, CHANNEL_COLOR, pixel, sums + SUM_COLOR, 1.0f / n);
 #endif
 #if HAS_VARIANCE
     // Of the mean; one sample says nothing about its own spread.
-    write_3(frame, p, CHANNEL_VARIANCE, pixel, sums + SUM_SQUARES, n > 1.0f ? 1.0f / (n * (n - 1.0f)) : 0.0f);
+    write_3(frame, p, CHANNEL_VARIANCE, pixel, sums + SUM_SQUARES,
+            n > 1.0f ? 1.0f / (n * (n - 1.0f)) : 0.0f);
 #endif
 #if HAS_DIRECT
     write_3(frame, p, CHANNEL_DIRECT, pixel, sums + SUM_DIRECT, 1.0f / n);
@@ -146,16 +151,20 @@ static inline void write_pixel(__global float* frame, __constant const PathParam
 #if HAS_NORMAL
     const float x = sums[SUM_NORMAL], y = sums[SUM_NORMAL + 1], z = sums[SUM_NORMAL + 2];
     const float squared = x * x + y * y + z * z;
-    write_3(frame, p, CHANNEL_NORMAL, pixel, sums + SUM_NORMAL, squared > 0.0f ? 1.0f / sqrt(squared) : 0.0f);
+    write_3(frame, p, CHANNEL_NORMAL, pixel, sums + SUM_NORMAL,
+            squared > 0.0f ? 1.0f / sqrt(squared) : 0.0f);
 #endif
 #if HAS_POSITION
-    write_3(frame, p, CHANNEL_POSITION, pixel, sums + SUM_POSITION, hits > 0.0f ? 1.0f / hits : 0.0f);
+    write_3(frame, p, CHANNEL_POSITION, pixel, sums + SUM_POSITION,
+            hits > 0.0f ? 1.0f / hits : 0.0f);
 #endif
 #if HAS_DEPTH
-    frame[p->channel_offset[CHANNEL_DEPTH] + pixel] = hits > 0.0f ? sums[SUM_DEPTH] / hits : INFINITY;
+    frame[p->channel_offset[CHANNEL_DEPTH] + pixel] =
+        hits > 0.0f ? sums[SUM_DEPTH] / hits : INFINITY;
 #endif
 #if HAS_DISTANCE
-    frame[p->channel_offset[CHANNEL_DISTANCE] + pixel] = hits > 0.0f ? sums[SUM_DISTANCE] / hits : INFINITY;
+    frame[p->channel_offset[CHANNEL_DISTANCE] + pixel] =
+        hits > 0.0f ? sums[SUM_DISTANCE] / hits : INFINITY;
 #endif
 #if HAS_OBJECT
     frame[p->channel_offset[CHANNEL_OBJECT] + pixel] = sums[SUM_OBJECT];

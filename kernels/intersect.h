@@ -24,7 +24,8 @@ static inline vfloat linear(__global const ShapeFloat* row, vec3 p) {
     return mad_f(splat(row[0]), p.x, mad_f(splat(row[1]), p.y, splat(row[2]) * p.z));
 }
 static inline vfloat affine(__global const ShapeFloat* row, vec3 p) {
-    return mad_f(splat(row[0]), p.x, mad_f(splat(row[1]), p.y, mad_f(splat(row[2]), p.z, splat(row[3]))));
+    return mad_f(splat(row[0]), p.x,
+                 mad_f(splat(row[1]), p.y, mad_f(splat(row[2]), p.z, splat(row[3]))));
 }
 
 /// Where the ray meets the rectangle or disk: t, and whether that is inside and ahead.
@@ -36,13 +37,15 @@ static inline vmask meet_flat(__global const FlatShape* s, int is_disk, vec3 o, 
     // vmax(NaN, y) is y, but then t is NaN or infinite too and the caller's t < t_max fails.
     return (extent <= s->limit) & (*t > 0.0f);
 }
-static inline void closest_flat(__global const FlatShape* s, int is_disk, vec3 o, vec3 d, Hit* hit) {
+static inline void closest_flat(__global const FlatShape* s, int is_disk, vec3 o, vec3 d,
+                                Hit* hit) {
     vfloat t;
     const vmask m = meet_flat(s, is_disk, o, d, &t) & (t < hit->t);
     hit->t = m ? t : hit->t;
     hit->id = m ? as_vint(splat_uint(s->surface)) : hit->id;
 }
-static inline vmask occludes_flat(__global const FlatShape* s, int is_disk, vec3 o, vec3 d, vfloat t_max) {
+static inline vmask occludes_flat(__global const FlatShape* s, int is_disk, vec3 o, vec3 d,
+                                  vfloat t_max) {
     vfloat t;
     return meet_flat(s, is_disk, o, d, &t) & (t < t_max);
 }
@@ -54,7 +57,8 @@ typedef struct {
 } Slabs;
 static inline Slabs meet_slabs(__global const CubeShape* s, vec3 o, vec3 d) {
     Slabs r;
-    r.pace = vec3_of(1.0f / linear(s->row[0], d), 1.0f / linear(s->row[1], d), 1.0f / linear(s->row[2], d));
+    r.pace = vec3_of(1.0f / linear(s->row[0], d), 1.0f / linear(s->row[1], d),
+                     1.0f / linear(s->row[2], d));
     const vec3 at = vec3_of(linear(s->row[0], o), linear(s->row[1], o), linear(s->row[2], o));
     const vec3 low = vec3_of((s->row[0][3] - at.x) * r.pace.x, (s->row[1][3] - at.y) * r.pace.y,
                              (s->row[2][3] - at.z) * r.pace.z);
@@ -76,7 +80,8 @@ static inline void closest_cube(__global const CubeShape* s, vec3 o, vec3 d, Hit
     const vfloat pace = is_x ? r.pace.x : (is_y ? r.pace.y : r.pace.z);
     // Entering against the axis and leaving along it both pass the high face.
     const vmask high = entering ? (pace < 0.0f) : (pace > 0.0f);
-    const vint face = (is_x ? splat_int(0) : (is_y ? splat_int(2) : splat_int(4))) + (high ? splat_int(1) : splat_int(0));
+    const vint face = (is_x ? splat_int(0) : (is_y ? splat_int(2) : splat_int(4))) +
+                      (high ? splat_int(1) : splat_int(0));
     hit->t = m ? t : hit->t;
     hit->id = m ? face + as_vint(splat_uint(s->surface)) : hit->id;
 }
@@ -86,8 +91,9 @@ static inline vmask occludes_cube(__global const CubeShape* s, vec3 o, vec3 d, v
     return (r.t_in <= r.t_out) & (t > 0.0f) & (t < t_max);
 }
 
-/// First root ahead. The discriminant comes from the ray's distance to the center and the roots from a product, which keeps
-/// large and distant spheres exact: Haines et al. 2019, "Precision improvements for ray/sphere intersection".
+/// First root ahead. The discriminant comes from the ray's distance to the center and the roots
+/// from a product, which keeps large and distant spheres exact: Haines et al. 2019, "Precision
+/// improvements for ray/sphere intersection".
 static inline vmask meet_sphere(__global const SphereShape* s, vec3 o, vec3 d, vfloat* t) {
     const vec3 f = vec3_of(o.x - s->center[0], o.y - s->center[1], o.z - s->center[2]);
     const vfloat a = dot3(d, d), b = dot3(f, d);

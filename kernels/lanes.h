@@ -1,5 +1,5 @@
-// One source for every device: PAVE_LANES samples in flight per work-item, plain scalars when it is 1.
-// SPDX-License-Identifier: BSD-3-Clause
+// One source for every device: PAVE_LANES samples in flight per work-item, plain scalars when it
+// is 1. SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #ifndef PAVE_LANES /* 1, 4, 8 or 16; 1 is for devices that vectorise over work-items (GPUs) */
@@ -59,7 +59,8 @@ typedef vint vmask;  // 0 or -1, as vector comparisons give
 #define splat_int(x) ((vint)(x))
 #define splat_uint(x) ((vuint)(x))
 
-// any() and a lane-by-lane test of 8 lanes are dozens of instructions in PoCL 3.1; these are a handful.
+// any() and a lane-by-lane test of 8 lanes are dozens of instructions in PoCL 3.1; these are a
+// handful.
 #if PAVE_LANES == 4
 #define LANE_INDEX ((vint)(0, 1, 2, 3))
 static inline int lane_any(vmask m) {
@@ -85,7 +86,8 @@ static inline int lane_any(vmask m) {
 }
 #endif
 
-/// Bit i is set if lane i of an 8-wide mask is; also used by the 8-wide tree whatever PAVE_LANES is.
+/// Bit i is set if lane i of an 8-wide mask is; also used by the 8-wide tree whatever PAVE_LANES
+/// is.
 static inline uint bits_of_8(int8 m) {
     const ulong bytes = as_ulong(convert_char8(m));
     return (uint)(((bytes & 0x8040201008040201UL) * 0x0101010101010101UL) >> 56);

@@ -1,5 +1,5 @@
-// Lights: one is chosen by its share of the power, then a point on it; densities are by solid angle and include the choice.
-// SPDX-License-Identifier: BSD-3-Clause
+// Lights: one is chosen by its share of the power, then a point on it; densities are by solid angle
+// and include the choice. SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 #include "rng.h"
 #include "sampling.h"
@@ -23,8 +23,8 @@ typedef struct {
     vmask unbounded;  // environment: the shadow ray has no end
 } LightSample;
 
-/// Weight of a sample with density `pdf` against the other strategy's `other`. Power heuristic, Veach 1997, eq. 9.13;
-/// as a ratio, so that an infinite density (delta lobe) gets weight 1.
+/// Weight of a sample with density `pdf` against the other strategy's `other`. Power heuristic,
+/// Veach 1997, eq. 9.13; as a ratio, so that an infinite density (delta lobe) gets weight 1.
 static inline vfloat mis_weight(vfloat pdf, vfloat other) {
     const vfloat r = vmin(other, splat(3e38f)) / pdf;
     return 1.0f / mad_f(r, r, splat(1.0f));
@@ -67,12 +67,13 @@ static inline Light light_at(const Scene* s, vint index) {
     return light_of_rows(broadcast_row(table), broadcast_row(table + 1), broadcast_row(table + 2));
 #else
     const vint row = index * LIGHT_ROWS;
-    return light_of_rows(gather_row(table, row), gather_row(table, row + 1), gather_row(table, row + 2));
+    return light_of_rows(gather_row(table, row), gather_row(table, row + 1),
+                         gather_row(table, row + 2));
 #endif
 }
 
-/// The light whose part of the 32-bit number line `bits` falls into. The table holds the upper ends as integers and `pmf` is
-/// exactly the length, so that choice and density agree to the last bit.
+/// The light whose part of the 32-bit number line `bits` falls into. The table holds the upper ends
+/// as integers and `pmf` is exactly the length, so that choice and density agree to the last bit.
 static inline vint choose_light(const Scene* s, vuint bits) {
 #if PAVE_ONE_LIGHT
     return splat_int(0);
@@ -108,7 +109,8 @@ static inline vfloat pdf_sphere_light(const Light* l, vec3 p, vec3 on, vec3 n_ge
     return outside ? l->pmf * pdf_cone(height) : by_area;
 }
 /// Point on the sphere and its outward normal; *pdf by solid angle.
-static inline vec3 sample_sphere_light(const Light* l, vec3 p, vfloat u1, vfloat u2, vec3* n, vfloat* pdf) {
+static inline vec3 sample_sphere_light(const Light* l, vec3 p, vfloat u1, vfloat u2, vec3* n,
+                                       vfloat* pdf) {
     vfloat height;
     const vmask outside = cone_to_sphere(l->p, l->radius, p, &height);
     const vec3 to = sub3(l->p, p);
@@ -142,9 +144,10 @@ static inline vfloat pdf_light(const Light* l, vec3 p, vec3 on, vec3 n_geom) {
 }
 
 #if PAVE_HAS_AREA_LIGHT
-/// Point of an area light; n gets its geometric normal on the emitting side, n_side the normal that says which side emits.
-static inline vec3 sample_area_light(const Scene* s, const Light* l, vec3 p, vfloat u1, vfloat u2, vec3* n, vec3* n_side,
-                                     vfloat* pdf) {
+/// Point of an area light; n gets its geometric normal on the emitting side, n_side the normal that
+/// says which side emits.
+static inline vec3 sample_area_light(const Scene* s, const Light* l, vec3 p, vfloat u1, vfloat u2,
+                                     vec3* n, vec3* n_side, vfloat* pdf) {
     vfloat a = u1, b = u2;
 #if PAVE_HAS_DISK_LIGHT
     const vmask disk = l->kind == LIGHT_DISK;
@@ -204,9 +207,12 @@ static inline LightSample sample_light(const Scene* s, vec3 p, vint index, vfloa
     const vfloat d2 = dot3(to, to);
     out.wi = scale3(to, 1.0f / sqrt(d2));
     out.pdf = keep((dot3(n_side, out.wi) < 0.0f) & (d2 > 0.0f), out.pdf);
-    // Triangles and disks reach as far as p + e1 and p + e2: their plane is as inexact as the largest of these.
-    const vfloat scale = vmax(max_abs_component(on), vmax(max_abs_component(l.p), vmax(max_abs_component(l.e1), max_abs_component(l.e2)))) +
-                         l.radius;
+    // Triangles and disks reach as far as p + e1 and p + e2: their plane is as inexact as the
+    // largest of these.
+    const vfloat scale =
+        vmax(max_abs_component(on),
+             vmax(max_abs_component(l.p), vmax(max_abs_component(l.e1), max_abs_component(l.e2)))) +
+        l.radius;
     out.end = leave_surface(on, n, offset_at(s, scale), neg3(out.wi));
 #else
     out.wi = out.end = splat3(0.0f, 0.0f, 0.0f);

@@ -1,7 +1,8 @@
-// The path tracer: every channel of a row of pixels in one pass, by paths with next-event estimation.
-// SPDX-License-Identifier: BSD-3-Clause
-// Radiance is defined as Mitsuba 3's `path` integrator defines it. A work-item renders `segment` pixels of one row; its lanes
-// take (pixel, sample) pairs from one queue, and a lane whose path ends takes the next pair, so that lanes are rarely idle.
+// The path tracer: every channel of a row of pixels in one pass, by paths with next-event
+// estimation. SPDX-License-Identifier: BSD-3-Clause Radiance is defined as Mitsuba 3's `path`
+// integrator defines it. A work-item renders `segment` pixels of one row; its lanes take (pixel,
+// sample) pairs from one queue, and a lane whose path ends takes the next pair, so that lanes are
+// rarely idle.
 #include "bsdf.h"
 #include "film.h"
 #include "light.h"
@@ -11,23 +12,23 @@
 /// The paths in flight, one a lane.
 typedef struct {
     vmask alive;
-    vec3 o, d;            // ray
+    vec3 o, d;  // ray
     vec3 throughput;
-    vfloat bsdf_pdf;      // density of d; INFINITY: light samples could not have found it
-    vfloat eta;           // product of index ratios, so that roulette does not mistake refraction for loss
-    vint depth;           // edges before this ray
-    vint skip;            // id that the ray starts on
-    vmask specular_chain; // only specular vertices so far
+    vfloat bsdf_pdf;  // density of d; INFINITY: light samples could not have found it
+    vfloat eta;  // product of index ratios, so that roulette does not mistake refraction for loss
+    vint depth;  // edges before this ray
+    vint skip;   // id that the ray starts on
+    vmask specular_chain;  // only specular vertices so far
     PathRecord record;
 } Paths;
 
 /// What a work-item has left to do, and whose path each lane carries.
 typedef struct {
     PhiloxKeys keys;
-    int row;                   // of the image
-    int x0, pixels;            // this segment
-    uint first, end;           // samples of this pass
-    int pixel;                 // next pair to make a ray for
+    int row;          // of the image
+    int x0, pixels;   // this segment
+    uint first, end;  // samples of this pass
+    int pixel;        // next pair to make a ray for
     uint sample;
     // Camera rays made ahead, a lane each; `taken` of them are gone.
     int taken, made;
@@ -41,7 +42,8 @@ typedef struct {
 } Queue;
 
 /// Numbers of block `block` for the samples.
-static inline Philox draw(const Scene* s, const PhiloxKeys* keys, vuint pixel, vuint sample, vuint block) {
+static inline Philox draw(const Scene* s, const PhiloxKeys* keys, vuint pixel, vuint sample,
+                          vuint block) {
     Philox c;
     c.x = pixel;
     c.y = sample;
@@ -53,7 +55,8 @@ static inline vuint image_pixel(const Scene* s, const Queue* q, vint local_x) {
     return splat_uint((uint)q->row * (uint)s->p->width + (uint)q->x0) + as_vuint(local_x);
 }
 
-/// Camera rays for the next pairs, as many as there are lanes: at full width, while paths end one by one.
+/// Camera rays for the next pairs, as many as there are lanes: at full width, while paths end one
+/// by one.
 static inline void make_rays(const Scene* s, Queue* q) {
     q->taken = q->made = 0;
     for (int i = 0; i < PAVE_LANES; ++i) {
@@ -70,18 +73,23 @@ static inline void make_rays(const Scene* s, Queue* q) {
     if (q->made == 0) return;
     __constant const PathParams* p = s->p;
     const vint x = lane_load(q->ahead_pixel);
-    const Philox r = draw(s, &q->keys, image_pixel(s, q, x), lane_load(q->ahead_sample), splat_uint(BLOCK_CAMERA));
+    const Philox r = draw(s, &q->keys, image_pixel(s, q, x), lane_load(q->ahead_sample),
+                          splat_uint(BLOCK_CAMERA));
     const vfloat fx = to_vfloat(x + q->x0) + unit_float(r.x), fy = (float)q->row + unit_float(r.y);
-    vec3 d = mad3(splat3(p->down[0], p->down[1], p->down[2]), fy, splat3(p->corner[0], p->corner[1], p->corner[2]));
+    vec3 d = mad3(splat3(p->down[0], p->down[1], p->down[2]), fy,
+                  splat3(p->corner[0], p->corner[1], p->corner[2]));
     d = normalize3(mad3(splat3(p->right[0], p->right[1], p->right[2]), fx, d));
     store_vec3(q->ahead_d, d);
 }
 
-/// Adds the paths of idle lanes to their pixels and gives these lanes the next pairs, as far as there are.
-static inline void exchange(const Scene* s, Queue* q, Paths* paths, float (*sums)[SUM_ALL], uint* dropped) {
+/// Adds the paths of idle lanes to their pixels and gives these lanes the next pairs, as far as
+/// there are.
+static inline void exchange(const Scene* s, Queue* q, Paths* paths, float (*sums)[SUM_ALL],
+                            uint* dropped) {
     // A sample that is not finite counts as black, and is counted.
     const vec3 c = paths->record.color, e = paths->record.direct;
-    const vmask fine = is_finite(c.x) & is_finite(c.y) & is_finite(c.z) & is_finite(e.x) & is_finite(e.y) & is_finite(e.z);
+    const vmask fine = is_finite(c.x) & is_finite(c.y) & is_finite(c.z) & is_finite(e.x) &
+                       is_finite(e.y) & is_finite(e.z);
     const uint lanes = lane_bits(lane_not(paths->alive));
     const uint spoiled = lane_bits(lane_not(fine));
     paths->record.color = keep3(fine, c);
@@ -111,7 +119,8 @@ static inline void start_paths(const Scene* s, const Queue* q, Paths* paths, vma
     __constant const PathParams* p = s->p;
     const vmask old = lane_not(fresh);
     paths->o = select3(fresh, splat3(p->eye[0], p->eye[1], p->eye[2]), paths->o);
-    paths->d = select3(fresh, vec3_of(lane_load(q->d[0]), lane_load(q->d[1]), lane_load(q->d[2])), paths->d);
+    paths->d = select3(fresh, vec3_of(lane_load(q->d[0]), lane_load(q->d[1]), lane_load(q->d[2])),
+                       paths->d);
     paths->throughput = select3(fresh, splat3(1.0f, 1.0f, 1.0f), paths->throughput);
     paths->bsdf_pdf = fresh ? splat(INFINITY) : paths->bsdf_pdf;
     paths->eta = fresh ? splat(1.0f) : paths->eta;
@@ -174,7 +183,8 @@ static inline void record_vertex(const Scene* s, Paths* paths, const Vertex* v, 
 static inline void add_emission(const Scene* s, Paths* paths, const Vertex* v) {
     const vmask is_direct = paths->depth <= 1;
 #if PAVE_HAS_AREA_LIGHT
-    const vmask lit = paths->alive & v->valid & bits_emits(v->bits) & (dot3(v->n_shade, paths->d) < 0.0f);
+    const vmask lit =
+        paths->alive & v->valid & bits_emits(v->bits) & (dot3(v->n_shade, paths->d) < 0.0f);
     if (lane_any(lit)) {
         const Light l = light_at(s, light_of_vertex(s, v));
         const vfloat weight = mis_weight(paths->bsdf_pdf, pdf_light(&l, paths->o, v->p, v->n_geom));
@@ -194,8 +204,9 @@ static inline void add_emission(const Scene* s, Paths* paths, const Vertex* v) {
 
 #if PAVE_HAS_LIGHTS
 /// Next-event estimation at the lanes of `on`.
-static inline void add_light_sample(const Scene* s, Paths* paths, vmask on, const Vertex* v, const Material* m, Basis basis,
-                                    vec3 wi, vint light, vfloat u1, vfloat u2) {
+static inline void add_light_sample(const Scene* s, Paths* paths, vmask on, const Vertex* v,
+                                    const Material* m, Basis basis, vec3 wi, vint light, vfloat u1,
+                                    vfloat u2) {
     const LightSample ls = sample_light(s, v->p, light, u1, u2);
     vfloat bsdf_pdf;
     const vec3 f = eval_bsdf(m, wi, to_local(basis, ls.wi), &bsdf_pdf);
@@ -219,9 +230,11 @@ static inline void extend_paths(const Scene* s, const Queue* q, Paths* paths) {
     const Vertex v = vertex_of(s, &hit, paths->o, paths->d);
     record_vertex(s, paths, &v, hit.t);
     add_emission(s, paths, &v);
-    // Channels that see only the first vertices need no longer paths, but albedo follows specular chains.
-    const vint limit = HAS_ALBEDO ? (paths->specular_chain ? splat_int(p->max_depth) : splat_int(p->shade_depth))
-                                  : splat_int(p->shade_depth);
+    // Channels that see only the first vertices need no longer paths, but albedo follows specular
+    // chains.
+    const vint limit =
+        HAS_ALBEDO ? (paths->specular_chain ? splat_int(p->max_depth) : splat_int(p->shade_depth))
+                   : splat_int(p->shade_depth);
     const vmask on = paths->alive & v.valid & (paths->depth + 1 < limit);
     const Basis basis = basis_of_vertex(s, &v);
     const vec3 wi = to_local(basis, neg3(paths->d));
@@ -236,7 +249,8 @@ static inline void extend_paths(const Scene* s, const Queue* q, Paths* paths) {
 #if !PAVE_ONE_LIGHT
         light = choose_light(s, draw(s, &q->keys, pixel, sample, block_of_light(depth)).x);
 #endif
-        add_light_sample(s, paths, diffusing, &v, &m, basis, wi, light, unit_float(r.x), unit_float(r.y));
+        add_light_sample(s, paths, diffusing, &v, &m, basis, wi, light, unit_float(r.x),
+                         unit_float(r.y));
     }
 #endif
     const BsdfSample b = sample_bsdf(&m, wi, unit_float(r.z), unit_float(r.w));
@@ -252,12 +266,15 @@ static inline void extend_paths(const Scene* s, const Queue* q, Paths* paths) {
     const vmask roulette = paths->depth >= p->rr_depth;
     const vfloat gain = roulette ? 1.0f / survival : splat(1.0f);
     paths->throughput = scale3(paths->throughput, gain);
-    paths->alive = on & (brightest > 0.0f) & (lane_not(roulette) | (unit_float_of_rest(r) < survival));
+    paths->alive =
+        on & (brightest > 0.0f) & (lane_not(roulette) | (unit_float_of_rest(r) < survival));
 }
 
-__kernel void render_paths(__constant const PathParams* params, __global const float8* shapes, __global const float8* tree,
-                           __global const float8* tables, __global const uint* light_cdf, __global float* frame,
-                           __global float* kept, __global uint* dropped, int first_row, int first_sample, int samples) {
+__kernel void render_paths(__constant const PathParams* params, __global const float8* shapes,
+                           __global const float8* tree, __global const float8* tables,
+                           __global const uint* light_cdf, __global float* frame,
+                           __global float* kept, __global uint* dropped, int first_row,
+                           int first_sample, int samples) {
     Scene s;
     s.p = params;
     s.shapes = shapes;
@@ -304,7 +321,8 @@ __kernel void render_paths(__constant const PathParams* params, __global const f
     const int before = first_sample, total = first_sample + samples;
     for (int i = 0; i < q.pixels; ++i) {
         const ulong at = (ulong)q.row * params->width + (ulong)(q.x0 + i);
-        __global float* mine = kept + ((ulong)get_global_id(1) * params->width + (ulong)(q.x0 + i)) * SUM_KEPT;
+        __global float* mine =
+            kept + ((ulong)get_global_id(1) * params->width + (ulong)(q.x0 + i)) * SUM_KEPT;
         merge_pass(sums[i], mine, (float)samples, (float)before);
         if (total == params->spp)
             write_pixel(frame, params, at, sums[i], (float)total);

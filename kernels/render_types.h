@@ -1,10 +1,10 @@
-// Structs, table layouts and packed words that the host writes and the path tracing kernels read: one source for both.
-// SPDX-License-Identifier: BSD-3-Clause
+// Structs, table layouts and packed words that the host writes and the path tracing kernels read:
+// one source for both. SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #ifdef __OPENCL_VERSION__
-#define PAVE_STRUCT(name)      \
-    typedef struct name name;  \
+#define PAVE_STRUCT(name)     \
+    typedef struct name name; \
     struct name
 #define PAVE_SIZEOF(name, bytes)
 #define PAVE_U32 uint
@@ -18,7 +18,8 @@
 namespace pave::kernel {
 #endif
 
-// ---- Channels: bit i of PAVE_CHANNELS says that a program writes channel i --------------------------------------------
+// ---- Channels: bit i of PAVE_CHANNELS says that a program writes channel i
+// --------------------------------------------
 
 #define CHANNEL_COLOR 0
 #define CHANNEL_ALBEDO 1
@@ -31,22 +32,26 @@ namespace pave::kernel {
 #define CHANNEL_OBJECT 8
 #define CHANNEL_COUNT 9
 
-// ---- Shapes: intersected in broadcast loops, or as leaves of the tree --------------------------------------------------
+// ---- Shapes: intersected in broadcast loops, or as leaves of the tree
+// --------------------------------------------------
 //
-// For the loops every number is stored once a lane, so that a broadcast costs no instruction: a kernel's ShapeFloat is then a
-// vector and its structs are PAVE_LANES times as large. For the tree, and on the host, it is a plain float.
+// For the loops every number is stored once a lane, so that a broadcast costs no instruction: a
+// kernel's ShapeFloat is then a vector and its structs are PAVE_LANES times as large. For the tree,
+// and on the host, it is a plain float.
 
 #ifndef __OPENCL_VERSION__
 using ShapeFloat = float;
 using ShapeWord = uint32_t;
 #endif
 
-/// A rectangle or disk. Object coordinates of a world point P: x = dot(u.xyz, P) + u[3], y likewise with v.
+/// A rectangle or disk. Object coordinates of a world point P: x = dot(u.xyz, P) + u[3], y likewise
+/// with v.
 PAVE_STRUCT(FlatShape) {
     ShapeFloat u[4];
     ShapeFloat v[4];
-    ShapeFloat n[4];        // unit normal; dot(n.xyz, P) == n[3] on the plane
-    ShapeFloat limit;       // max(|x|, |y|) of a rectangle, x*x + y*y of a disk; 1 plus rounding, so that shared edges have no gap
+    ShapeFloat n[4];    // unit normal; dot(n.xyz, P) == n[3] on the plane
+    ShapeFloat limit;   // max(|x|, |y|) of a rectangle, x*x + y*y of a disk; 1 plus rounding, so
+                        // that shared edges have no gap
     ShapeWord surface;  // its surface (see below)
     ShapeWord is_disk;
     ShapeWord pad;
@@ -69,25 +74,28 @@ PAVE_STRUCT(SphereShape) {
 };
 PAVE_SIZEOF(SphereShape, 32);
 
-// ---- Tables: rows of 8 floats in one buffer, gathered per lane ----------------------------------------------------------
+// ---- Tables: rows of 8 floats in one buffer, gathered per lane
+// ----------------------------------------------------------
 //
 // surface, 2 rows: { normal xyz (sphere: center), BITS, albedo rgb, plane offset (sphere: radius) }
 //                  { tangent xyz (disk: center), light (int), object (int), -, -, - }
-// triangle, 2 rows: { v0 xyz, BITS, v1 xyz, light (int) } { v2 xyz, object (int), normals (int, -1: flat), -, -, - }
-// normals, 2 rows: { n0 xyz, -, n1 xyz, - } { n2 xyz, - ... }
-// bsdf, 3 rows: { albedo rgb, BITS, alpha_u, alpha_v, eta (inside over outside), - } { eta rgb, -, k rgb, - }
+// triangle, 2 rows: { v0 xyz, BITS, v1 xyz, light (int) } { v2 xyz, object (int), normals (int, -1:
+// flat), -, -, - } normals, 2 rows: { n0 xyz, -, n1 xyz, - } { n2 xyz, - ... } bsdf, 3 rows: {
+// albedo rgb, BITS, alpha_u, alpha_v, eta (inside over outside), - } { eta rgb, -, k rgb, - }
 //               { reflectance rgb, -, transmittance rgb, - }
-// light, 3 rows: { p xyz, KIND (int), e1 xyz, pmf } { e2 xyz, radius, normal xyz, pdf by area (with pmf) }
+// light, 3 rows: { p xyz, KIND (int), e1 xyz, pmf } { e2 xyz, radius, normal xyz, pdf by area (with
+// pmf) }
 //                { radiance or intensity rgb, normals (int, -1: flat), -, -, -, - }
-//   quad: p + a*e1 + b*e2, a and b in [0,1]; triangle: p + b1*e1 + b2*e2; disk: p + x*e1 + y*e2; sphere: center p, radius,
-//   +1 or -1 in normal.x for light on its outside or inside; point: p.
+//   quad: p + a*e1 + b*e2, a and b in [0,1]; triangle: p + b1*e1 + b2*e2; disk: p + x*e1 + y*e2;
+//   sphere: center p, radius, +1 or -1 in normal.x for light on its outside or inside; point: p.
 #define SURFACE_ROWS 2
 #define TRIANGLE_ROWS 2
 #define NORMALS_ROWS 2
 #define BSDF_ROWS 3
 #define LIGHT_ROWS 3
 
-// BITS: [23:0] bsdf, [25:24] BSDF_* type, [26] two sided, [27] emits, [29:28] SURFACE_* kind, [30] sphere seen from inside out
+// BITS: [23:0] bsdf, [25:24] BSDF_* type, [26] two sided, [27] emits, [29:28] SURFACE_* kind, [30]
+// sphere seen from inside out
 #define BSDF_DIFFUSE 0
 #define BSDF_CONDUCTOR 1
 #define BSDF_ROUGH_CONDUCTOR 2
@@ -96,10 +104,10 @@ PAVE_SIZEOF(SphereShape, 32);
 #define SURFACE_DISK 1
 #define SURFACE_SPHERE 2
 #define MAX_BSDFS 0x1000000
-#define make_bits(bsdf, type, two_sided, emits, kind, inverted)                                   \
-    ((PAVE_U32)(bsdf) | (PAVE_U32)(type) << 24 | (PAVE_U32)(two_sided) << 26 |                    \
+#define make_bits(bsdf, type, two_sided, emits, kind, inverted)                \
+    ((PAVE_U32)(bsdf) | (PAVE_U32)(type) << 24 | (PAVE_U32)(two_sided) << 26 | \
      (PAVE_U32)(emits) << 27 | (PAVE_U32)(kind) << 28 | (PAVE_U32)(inverted) << 30)
-#define bits_bsdf(b) ((b) & 0xffffff)
+#define bits_bsdf(b) ((b)&0xffffff)
 #define bits_type(b) (((b) >> 24) & 3)
 #define bits_two_sided(b) (((b) & (1 << 26)) != 0)
 #define bits_emits(b) (((b) & (1 << 27)) != 0)
@@ -113,11 +121,13 @@ PAVE_SIZEOF(SphereShape, 32);
 #define LIGHT_ENVIRONMENT 4
 #define LIGHT_POINT 5
 
-// ---- Tree: 8-wide nodes and leaves of up to 8 triangles, rows of 8 floats in one buffer ---------------------------------
+// ---- Tree: 8-wide nodes and leaves of up to 8 triangles, rows of 8 floats in one buffer
+// ---------------------------------
 //
-// node, 8 rows: low x, high x, low y, high y, low z, high z, children (int), -. Row i of lane c belongs to child c; an empty
-// child has low = +inf, high = -inf. A child code >= 0 is a node; else ~code = index << 2 | LEAF_*.
-// leaf of triangles, 10 rows: v0 x, y, z, v1 x, y, z, v2 x, y, z, triangle (int). Spare lanes are NaN.
+// node, 8 rows: low x, high x, low y, high y, low z, high z, children (int), -. Row i of lane c
+// belongs to child c; an empty child has low = +inf, high = -inf. A child code >= 0 is a node; else
+// ~code = index << 2 | LEAF_*. leaf of triangles, 10 rows: v0 x, y, z, v1 x, y, z, v2 x, y, z,
+// triangle (int). Spare lanes are NaN.
 #define NODE_ROWS 8
 #define LEAF_ROWS 10
 #define TREE_WIDTH 8
@@ -127,7 +137,8 @@ PAVE_SIZEOF(SphereShape, 32);
 #define LEAF_SPHERE 3
 #define leaf_code(index, kind) (~((int)(index) << 2 | (kind)))
 
-// ---- What one render is told --------------------------------------------------------------------------------------------
+// ---- What one render is told
+// --------------------------------------------------------------------------------------------
 
 PAVE_STRUCT(PathParams) {
     PAVE_U64 channel_offset[CHANNEL_COUNT];  // floats from the slot's first byte to plane 0
@@ -145,10 +156,11 @@ PAVE_STRUCT(PathParams) {
     float tree_bound[3];    // largest |x|, |y|, |z| of the tree
 
     int width, height;
-    int segment;     // pixels of a row that a work-item renders
-    int spp;         // all samples of a pixel
-    int max_depth;   // edges of the longest path
-    int shade_depth; // edges that the channels need: max_depth, or less if only first vertices and direct light are asked
+    int segment;      // pixels of a row that a work-item renders
+    int spp;          // all samples of a pixel
+    int max_depth;    // edges of the longest path
+    int shade_depth;  // edges that the channels need: max_depth, or less if only first vertices and
+                      // direct light are asked
     int rr_depth;
 
     PAVE_U32 seed_low, seed_high, frame;
@@ -162,9 +174,9 @@ PAVE_STRUCT(PathParams) {
     int light_count;
 
     // First rows in their buffers.
-    PAVE_U32 flat_row, cube_row, sphere_row;                           // shapes
+    PAVE_U32 flat_row, cube_row, sphere_row;                               // shapes
     PAVE_U32 surface_row, triangle_row, normals_row, bsdf_row, light_row;  // tables
-    PAVE_U32 leaf_row;                                                 // tree; nodes begin at row 0
+    PAVE_U32 leaf_row;  // tree; nodes begin at row 0
 };
 PAVE_SIZEOF(PathParams, 280);
 

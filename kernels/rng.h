@@ -1,6 +1,7 @@
 // Random numbers as a function of (seed, frame, pixel, sample, dimension): Philox4x32-10.
 // SPDX-License-Identifier: BSD-3-Clause
-// Salmon et al. 2011, "Parallel random numbers: as easy as 1, 2, 3"; constants of table 2 and section 4.4.
+// Salmon et al. 2011, "Parallel random numbers: as easy as 1, 2, 3"; constants of table 2 and
+// section 4.4.
 #pragma once
 #include "lanes.h"
 
@@ -51,10 +52,11 @@ static inline void set_keys(PhiloxKeys* keys, uint low, uint high) {
     keys->low = low;
     keys->high = high;
 }
-#define ROUND_LOW(keys, round) ((keys)->low + (uint)(round) * PHILOX_W0)
-#define ROUND_HIGH(keys, round) ((keys)->high + (uint)(round) * PHILOX_W1)
+#define ROUND_LOW(keys, round) ((keys)->low + (uint)(round)*PHILOX_W0)
+#define ROUND_HIGH(keys, round) ((keys)->high + (uint)(round)*PHILOX_W1)
 #else
-/// The key of each round in every lane: operands from memory cost nothing, broadcasts would be a sixth of the generator.
+/// The key of each round in every lane: operands from memory cost nothing, broadcasts would be a
+/// sixth of the generator.
 typedef struct {
     vuint low[PHILOX_ROUNDS], high[PHILOX_ROUNDS];
 } PhiloxKeys;
@@ -83,17 +85,18 @@ static inline Philox philox(Philox c, const PhiloxKeys* keys) {
 }
 
 /// Uniform in [0, 1): the top 24 bits.
-static inline vfloat unit_float(vuint bits) {
-    return to_vfloat(as_vint(bits >> 8)) * 0x1p-24f;
-}
+static inline vfloat unit_float(vuint bits) { return to_vfloat(as_vint(bits >> 8)) * 0x1p-24f; }
 
-/// Uniform in [0, 1) from the low bytes that unit_float() of x, y and z leaves over: independent of them.
+/// Uniform in [0, 1) from the low bytes that unit_float() of x, y and z leaves over: independent of
+/// them.
 static inline vfloat unit_float_of_rest(Philox r) {
     const vuint low = splat_uint(0xffu);
     return to_vfloat(as_vint((r.x & low) << 16 | (r.y & low) << 8 | (r.z & low))) * 0x1p-24f;
 }
 
 // Dimension blocks of a path; each is one call of philox().
-#define BLOCK_CAMERA 0u                                       /* x, y: place in the pixel */
-#define block_of_vertex(depth) (splat_uint(1u) + ((depth) << 1)) /* x, y: light; z, w: BSDF; rest: roulette */
-#define block_of_light(depth) (splat_uint(2u) + ((depth) << 1))  /* x: which light, if there are several */
+#define BLOCK_CAMERA 0u /* x, y: place in the pixel */
+#define block_of_vertex(depth) \
+    (splat_uint(1u) + ((depth) << 1)) /* x, y: light; z, w: BSDF; rest: roulette */
+#define block_of_light(depth) \
+    (splat_uint(2u) + ((depth) << 1)) /* x: which light, if there are several */

@@ -6,8 +6,10 @@
 /// sin and cos of x in [-pi/4, pi/4]; minimax polynomials, absolute error below 8e-8.
 static inline void sincos_small(vfloat x, vfloat* s, vfloat* c) {
     const vfloat z = x * x;
-    const vfloat p = mad_f(mad_f(splat(-1.9517298e-4f), z, splat(8.332178e-3f)), z, splat(-0.16666655f));
-    const vfloat q = mad_f(mad_f(splat(2.443845e-5f), z, splat(-1.3887368e-3f)), z, splat(4.1666646e-2f));
+    const vfloat p =
+        mad_f(mad_f(splat(-1.9517298e-4f), z, splat(8.332178e-3f)), z, splat(-0.16666655f));
+    const vfloat q =
+        mad_f(mad_f(splat(2.443845e-5f), z, splat(-1.3887368e-3f)), z, splat(4.1666646e-2f));
     *s = mad_f(p * z, x, x);
     *c = mad_f(q * z, z, mad_f(splat(-0.5f), z, splat(1.0f)));
 }
@@ -79,7 +81,8 @@ static inline void invert_sphere(vec3 w, vfloat* u1, vfloat* u2) {
     *u2 = turn < 0.0f ? turn + 1.0f : turn;
 }
 
-// ---- Cone around +z with 1 - cos(half angle) = `height`, solid angle; `height` keeps small cones exact ----
+// ---- Cone around +z with 1 - cos(half angle) = `height`, solid angle; `height` keeps small cones
+// exact ----
 
 static inline vec3 sample_cone(vfloat u1, vfloat u2, vfloat height) {
     const vfloat h = u1 * height;  // 1 - cos

@@ -1,6 +1,6 @@
-// Kernels that show single parts of the path tracer to the tests: the very functions that path.cl calls.
-// SPDX-License-Identifier: BSD-3-Clause
-// Arrays are planar: value k of item i is array[k * count + i]; count is a multiple of 16, a work-item takes PAVE_LANES items.
+// Kernels that show single parts of the path tracer to the tests: the very functions that path.cl
+// calls. SPDX-License-Identifier: BSD-3-Clause Arrays are planar: value k of item i is array[k *
+// count + i]; count is a multiple of 16, a work-item takes PAVE_LANES items.
 #include "bsdf.h"
 #include "light.h"
 #include "rng.h"
@@ -15,8 +15,9 @@ static inline void store3(__global float* a, int count, int i, vec3 v) {
     lane_store(v.y, a + count + i);
     lane_store(v.z, a + 2 * count + i);
 }
-static inline Scene scene_of(__constant const PathParams* p, __global const float8* shapes, __global const float8* tree,
-                             __global const float8* tables, __global const uint* light_cdf) {
+static inline Scene scene_of(__constant const PathParams* p, __global const float8* shapes,
+                             __global const float8* tree, __global const float8* tables,
+                             __global const uint* light_cdf) {
     Scene s;
     s.p = p;
     s.shapes = shapes;
@@ -44,7 +45,8 @@ __kernel void struct_sizes(__global uint* sizes) {
 }
 
 /// counters: 4 planes, out: 4 planes of bits.
-__kernel void philox_bits(__global const uint* counters, uint key_low, uint key_high, __global uint* out, int count) {
+__kernel void philox_bits(__global const uint* counters, uint key_low, uint key_high,
+                          __global uint* out, int count) {
     const int i = FIRST;
     Philox c;
     c.x = lane_load(counters + i);
@@ -77,7 +79,8 @@ __kernel void philox_units(uint seed, __global float* out, int count) {
 #define SHAPE_CONE 3
 #define SHAPE_TRIANGLE 4
 /// One sampler of sampling.h. in: u1, u2; out: w (3), pdf, inverse u1, u2.
-__kernel void sample_shape(int shape, float parameter, __global const float* in, __global float* out, int count) {
+__kernel void sample_shape(int shape, float parameter, __global const float* in,
+                           __global float* out, int count) {
     const int i = FIRST;
     const vfloat u1 = lane_load(in + i), u2 = lane_load(in + count + i), h = splat(parameter);
     vec3 w = splat3(0.0f, 0.0f, 0.0f);
@@ -120,13 +123,14 @@ static inline Material material_of_surface(const Scene* s, int surface) {
 }
 
 /// Directions sampled for wi (local). out: wo (3), weight (3), pdf, eta.
-__kernel void sample_bsdf_many(__constant const PathParams* p, __global const float8* tables, int surface, float4 wi, uint seed,
-                               __global float* out, int count) {
+__kernel void sample_bsdf_many(__constant const PathParams* p, __global const float8* tables,
+                               int surface, float4 wi, uint seed, __global float* out, int count) {
     const Scene s = scene_of(p, 0, 0, tables, 0);
     const int i = FIRST;
     const Material m = material_of_surface(&s, surface);
     const Philox r = numbers(i, seed);
-    const BsdfSample b = sample_bsdf(&m, splat3(wi.x, wi.y, wi.z), unit_float(r.x), unit_float(r.y));
+    const BsdfSample b =
+        sample_bsdf(&m, splat3(wi.x, wi.y, wi.z), unit_float(r.x), unit_float(r.y));
     store3(out, count, i, b.wo);
     store3(out + 3 * count, count, i, b.weight);
     lane_store(b.pdf, out + 6 * count + i);
@@ -134,8 +138,9 @@ __kernel void sample_bsdf_many(__constant const PathParams* p, __global const fl
 }
 
 /// in: wi (3), wo (3); out: f * cos (3), pdf.
-__kernel void eval_bsdf_many(__constant const PathParams* p, __global const float8* tables, int surface,
-                             __global const float* in, __global float* out, int count) {
+__kernel void eval_bsdf_many(__constant const PathParams* p, __global const float8* tables,
+                             int surface, __global const float* in, __global float* out,
+                             int count) {
     const Scene s = scene_of(p, 0, 0, tables, 0);
     const int i = FIRST;
     const Material m = material_of_surface(&s, surface);
@@ -146,23 +151,27 @@ __kernel void eval_bsdf_many(__constant const PathParams* p, __global const floa
 }
 
 /// Light samples from point `at`. out: wi (3), pdf, radiance (3), end (3).
-__kernel void sample_light_many(__constant const PathParams* p, __global const float8* tables, __global const uint* light_cdf,
-                                float4 at, uint seed, __global float* out, int count) {
+__kernel void sample_light_many(__constant const PathParams* p, __global const float8* tables,
+                                __global const uint* light_cdf, float4 at, uint seed,
+                                __global float* out, int count) {
     const Scene s = scene_of(p, 0, 0, tables, light_cdf);
     const int i = FIRST;
     const Philox r = numbers(i, seed);
     const vint light = choose_light(&s, numbers(i, seed + 1u).x);
-    const LightSample ls = sample_light(&s, splat3(at.x, at.y, at.z), light, unit_float(r.x), unit_float(r.y));
+    const LightSample ls =
+        sample_light(&s, splat3(at.x, at.y, at.z), light, unit_float(r.x), unit_float(r.y));
     store3(out, count, i, ls.wi);
     lane_store(ls.pdf, out + 3 * count + i);
     store3(out + 4 * count, count, i, ls.radiance);
     store3(out + 7 * count, count, i, ls.end);
 }
 
-/// Density that light samples from `at` have for direction w (in: 3 planes), as a ray that hits a light there computes it.
-__kernel void light_pdf_many(__constant const PathParams* p, __global const float8* shapes, __global const float8* tree,
-                             __global const float8* tables, __global const uint* light_cdf, float4 at,
-                             __global const float* in, __global float* out, int count) {
+/// Density that light samples from `at` have for direction w (in: 3 planes), as a ray that hits a
+/// light there computes it.
+__kernel void light_pdf_many(__constant const PathParams* p, __global const float8* shapes,
+                             __global const float8* tree, __global const float8* tables,
+                             __global const uint* light_cdf, float4 at, __global const float* in,
+                             __global float* out, int count) {
     const Scene s = scene_of(p, shapes, tree, tables, light_cdf);
     const int i = FIRST;
     const vec3 o = splat3(at.x, at.y, at.z), d = load3(in, count, i);
@@ -175,10 +184,11 @@ __kernel void light_pdf_many(__constant const PathParams* p, __global const floa
     lane_store(pdf, out + i);
 }
 
-/// in: origin (3), direction (3), t_max, skip (as int bits). out: t, id (int bits), b1, b2, position (3), n_geom (3), n_shade (3),
-/// offset, any hit before t_max (0 or 1).
-__kernel void trace_many(__constant const PathParams* p, __global const float8* shapes, __global const float8* tree,
-                         __global const float8* tables, __global const float* in, __global float* out, int count) {
+/// in: origin (3), direction (3), t_max, skip (as int bits). out: t, id (int bits), b1, b2,
+/// position (3), n_geom (3), n_shade (3), offset, any hit before t_max (0 or 1).
+__kernel void trace_many(__constant const PathParams* p, __global const float8* shapes,
+                         __global const float8* tree, __global const float8* tables,
+                         __global const float* in, __global float* out, int count) {
     const Scene s = scene_of(p, shapes, tree, tables, 0);
     const int i = FIRST;
     const vec3 o = load3(in, count, i), d = load3(in + 3 * count, count, i);

@@ -35,7 +35,8 @@ static inline TreeRay ray_of_lane(const LaneRays* rays, uint i) {
 }
 #endif
 
-/// Closest hit of the active lanes; the others get nothing of use. `skip`: id that the ray starts on, for triangles.
+/// Closest hit of the active lanes; the others get nothing of use. `skip`: id that the ray starts
+/// on, for triangles.
 static inline Hit trace_closest(const Scene* s, vec3 o, vec3 d, vmask active, vint skip) {
     Hit hit = no_hit();
     __constant const PathParams* p = s->p;
@@ -43,7 +44,8 @@ static inline Hit trace_closest(const Scene* s, vec3 o, vec3 d, vmask active, vi
     for (int i = 0; i < p->rect_count; ++i) closest_flat(flat_shapes(s) + i, 0, o, d, &hit);
 #endif
 #if PAVE_HAS_DISKS
-    for (int i = 0; i < p->disk_count; ++i) closest_flat(flat_shapes(s) + p->rect_count + i, 1, o, d, &hit);
+    for (int i = 0; i < p->disk_count; ++i)
+        closest_flat(flat_shapes(s) + p->rect_count + i, 1, o, d, &hit);
 #endif
 #if PAVE_HAS_CUBES
     for (int i = 0; i < p->cube_count; ++i) closest_cube(cube_shapes(s) + i, o, d, &hit);
@@ -78,23 +80,27 @@ static inline Hit trace_closest(const Scene* s, vec3 o, vec3 d, vmask active, vi
     return hit;
 }
 
-/// Lanes of `active` whose ray meets something between 0 and t_max. For rays from a surface to a light: shapes that can not
-/// stand between them (rect_count > i >= rect_shadow) are left out.
-static inline vmask trace_any(const Scene* s, vec3 o, vec3 d, vfloat t_max, vmask active, vint skip) {
+/// Lanes of `active` whose ray meets something between 0 and t_max. For rays from a surface to a
+/// light: shapes that can not stand between them (rect_count > i >= rect_shadow) are left out.
+static inline vmask trace_any(const Scene* s, vec3 o, vec3 d, vfloat t_max, vmask active,
+                              vint skip) {
     vmask blocked = mask_of(0);
     __constant const PathParams* p = s->p;
 #if PAVE_HAS_RECTS
-    for (int i = 0; i < p->rect_shadow; ++i) blocked |= occludes_flat(flat_shapes(s) + i, 0, o, d, t_max);
+    for (int i = 0; i < p->rect_shadow; ++i)
+        blocked |= occludes_flat(flat_shapes(s) + i, 0, o, d, t_max);
 #endif
 #if PAVE_HAS_DISKS
     for (int i = 0; i < p->disk_shadow; ++i)
         blocked |= occludes_flat(flat_shapes(s) + p->rect_count + i, 1, o, d, t_max);
 #endif
 #if PAVE_HAS_CUBES
-    for (int i = 0; i < p->cube_count; ++i) blocked |= occludes_cube(cube_shapes(s) + i, o, d, t_max);
+    for (int i = 0; i < p->cube_count; ++i)
+        blocked |= occludes_cube(cube_shapes(s) + i, o, d, t_max);
 #endif
 #if PAVE_HAS_SPHERES
-    for (int i = 0; i < p->sphere_count; ++i) blocked |= occludes_sphere(sphere_shapes(s) + i, o, d, t_max);
+    for (int i = 0; i < p->sphere_count; ++i)
+        blocked |= occludes_sphere(sphere_shapes(s) + i, o, d, t_max);
 #endif
 #if PAVE_HAS_TREE
     LaneRays rays;

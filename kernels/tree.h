@@ -26,19 +26,21 @@ static inline __global const SphereShape* sphere_shapes(const Scene* s) {
 
 // Axis-parallel rays would divide by zero; this slope is less than a rounding error over any scene.
 #define LEAST_SLOPE 1e-18f
-// Bounds of a box test's and a hit's rounding, in units of the coordinates (2^-23 * 4): see slab_offsets.
+// Bounds of a box test's and a hit's rounding, in units of the coordinates (2^-23 * 4): see
+// slab_offsets.
 #define BOX_SLACK 4.8e-7f
 
 typedef struct {
     float o[3], d[3];
-    float t;        // closest so far
+    float t;  // closest so far
     int id;
     float b1, b2;
-    int skip;       // triangle that the ray starts on; a plane is never hit twice
+    int skip;  // triangle that the ray starts on; a plane is never hit twice
 } TreeRay;
 
-/// Per ray: reciprocal slopes, and offsets that make every box wider by more than the rounding of its own test and of the
-/// triangle test inside it, at no cost per box. Without them rays along shared edges slip through (see test_watertight).
+/// Per ray: reciprocal slopes, and offsets that make every box wider by more than the rounding of
+/// its own test and of the triangle test inside it, at no cost per box. Without them rays along
+/// shared edges slip through (see test_watertight).
 typedef struct {
     float8 slope[3], near_offset[3], far_offset[3];
     int near_row[3];
@@ -63,7 +65,8 @@ static inline float8 min_8(float8 a, float8 b) { return a < b ? a : b; }
 static inline float8 max_8(float8 a, float8 b) { return a > b ? a : b; }
 
 /// Bytes 0xff of the children that the ray enters before `t`; `entry` gets where.
-static inline ulong enter_children(__global const float8* node, const TreeSlabs* k, float t, float8* entry) {
+static inline ulong enter_children(__global const float8* node, const TreeSlabs* k, float t,
+                                   float8* entry) {
     const float8 x0 = mad_f(node[k->near_row[0]], k->slope[0], k->near_offset[0]);
     const float8 x1 = mad_f(node[1 - k->near_row[0]], k->slope[0], k->far_offset[0]);
     const float8 y0 = mad_f(node[2 + k->near_row[1]], k->slope[1], k->near_offset[1]);
@@ -75,10 +78,11 @@ static inline ulong enter_children(__global const float8* node, const TreeSlabs*
     *entry = t_in;
     return as_ulong(convert_char8(t_in <= t_out));
 }
-#define first_byte(m) (popcount(~(m) & ((m) - 1UL)) >> 3)
-#define without_byte(m, i) ((m) & ~(0xffUL << ((i) * 8u)))
+#define first_byte(m) (popcount(~(m) & ((m)-1UL)) >> 3)
+#define without_byte(m, i) ((m) & ~(0xffUL << ((i)*8u)))
 
-/// Shear that turns the ray into the z axis. Woop, Benthin, Wald 2013, "Watertight ray/triangle intersection".
+/// Shear that turns the ray into the z axis. Woop, Benthin, Wald 2013, "Watertight ray/triangle
+/// intersection".
 typedef struct {
     int kx, ky, kz;
     float sx, sy, sz;
@@ -95,10 +99,11 @@ static inline Shear shear_of(const TreeRay* r) {
     return s;
 }
 
-/// Bytes 0xff of the leaf's triangles that the ray meets before r->t, not yet without r->skip. Edge functions are products
-/// without a fused multiply-add: so two triangles get exactly opposite values on a shared edge, and no ray falls between them.
-static inline ulong meet_triangles(__global const float8* leaf, const TreeRay* r, const Shear* k, float8* t, float8* b1,
-                                   float8* b2) {
+/// Bytes 0xff of the leaf's triangles that the ray meets before r->t, not yet without r->skip. Edge
+/// functions are products without a fused multiply-add: so two triangles get exactly opposite
+/// values on a shared edge, and no ray falls between them.
+static inline ulong meet_triangles(__global const float8* leaf, const TreeRay* r, const Shear* k,
+                                   float8* t, float8* b1, float8* b2) {
     const float ox = r->o[k->kx], oy = r->o[k->ky], oz = r->o[k->kz];
     const float8 az = leaf[k->kz] - oz, bz = leaf[3 + k->kz] - oz, cz = leaf[6 + k->kz] - oz;
     const float8 sx = (float8)(-k->sx), sy = (float8)(-k->sy);
@@ -117,7 +122,8 @@ static inline ulong meet_triangles(__global const float8* leaf, const TreeRay* r
     return as_ulong(convert_char8(inside & (*t > 0.0f) & (*t < (float8)(r->t))));
 }
 
-static inline void closest_in_triangles(__global const float8* leaf, TreeRay* r, const Shear* k, int first_triangle_id) {
+static inline void closest_in_triangles(__global const float8* leaf, TreeRay* r, const Shear* k,
+                                        int first_triangle_id) {
     float8 t, b1, b2;
     ulong m = meet_triangles(leaf, r, k, &t, &b1, &b2);
     if (m == 0) return;
@@ -138,7 +144,8 @@ static inline void closest_in_triangles(__global const float8* leaf, TreeRay* r,
         }
     } while (m);
 }
-static inline int any_in_triangles(__global const float8* leaf, const TreeRay* r, const Shear* k, int first_triangle_id) {
+static inline int any_in_triangles(__global const float8* leaf, const TreeRay* r, const Shear* k,
+                                   int first_triangle_id) {
     float8 t, b1, b2;
     ulong m = meet_triangles(leaf, r, k, &t, &b1, &b2);
     __global const int* ids = (__global const int*)(leaf + 9);
@@ -151,7 +158,8 @@ static inline int any_in_triangles(__global const float8* leaf, const TreeRay* r
 }
 
 #if PAVE_TREE_SHAPES
-/// A shape's leaf: the broadcast test with the same ray in every lane, which costs no more than a scalar one.
+/// A shape's leaf: the broadcast test with the same ray in every lane, which costs no more than a
+/// scalar one.
 static inline void closest_in_shape(const Scene* s, int code, TreeRay* r) {
     const vec3 o = splat3(r->o[0], r->o[1], r->o[2]), d = splat3(r->d[0], r->d[1], r->d[2]);
     const int kind = code & 3, index = code >> 2;
@@ -194,7 +202,8 @@ static inline void closest_in_leaf(const Scene* s, int code, TreeRay* r, const S
     }
 #endif
 #if PAVE_HAS_TRIANGLES
-    closest_in_triangles(s->tree + s->p->leaf_row + (uint)(code >> 2) * LEAF_ROWS, r, k, s->p->surface_count);
+    closest_in_triangles(s->tree + s->p->leaf_row + (uint)(code >> 2) * LEAF_ROWS, r, k,
+                         s->p->surface_count);
 #endif
 }
 static inline int any_in_leaf(const Scene* s, int code, const TreeRay* r, const Shear* k) {
@@ -202,7 +211,8 @@ static inline int any_in_leaf(const Scene* s, int code, const TreeRay* r, const 
     if ((code & 3) != LEAF_TRIANGLES) return any_in_shape(s, code, r);
 #endif
 #if PAVE_HAS_TRIANGLES
-    return any_in_triangles(s->tree + s->p->leaf_row + (uint)(code >> 2) * LEAF_ROWS, r, k, s->p->surface_count);
+    return any_in_triangles(s->tree + s->p->leaf_row + (uint)(code >> 2) * LEAF_ROWS, r, k,
+                            s->p->surface_count);
 #else
     return 0;
 #endif

@@ -14,7 +14,9 @@ static inline vec3 vec3_of(vfloat x, vfloat y, vfloat z) {
     r.z = z;
     return r;
 }
-static inline vec3 splat3(float x, float y, float z) { return vec3_of(splat(x), splat(y), splat(z)); }
+static inline vec3 splat3(float x, float y, float z) {
+    return vec3_of(splat(x), splat(y), splat(z));
+}
 static inline vec3 add3(vec3 a, vec3 b) { return vec3_of(a.x + b.x, a.y + b.y, a.z + b.z); }
 static inline vec3 sub3(vec3 a, vec3 b) { return vec3_of(a.x - b.x, a.y - b.y, a.z - b.z); }
 static inline vec3 mul3(vec3 a, vec3 b) { return vec3_of(a.x * b.x, a.y * b.y, a.z * b.z); }
@@ -33,16 +35,21 @@ static inline vec3 normalize3(vec3 a) { return scale3(a, 1.0f / sqrt(dot3(a, a))
 static inline vec3 select3(vmask m, vec3 a, vec3 b) {
     return vec3_of(m ? a.x : b.x, m ? a.y : b.y, m ? a.z : b.z);
 }
-static inline vec3 keep3(vmask m, vec3 a) { return vec3_of(keep(m, a.x), keep(m, a.y), keep(m, a.z)); }
+static inline vec3 keep3(vmask m, vec3 a) {
+    return vec3_of(keep(m, a.x), keep(m, a.y), keep(m, a.z));
+}
 static inline vfloat max_component(vec3 a) { return vmax(vmax(a.x, a.y), a.z); }
-static inline vfloat max_abs_component(vec3 a) { return vmax(vmax(vabs(a.x), vabs(a.y)), vabs(a.z)); }
+static inline vfloat max_abs_component(vec3 a) {
+    return vmax(vmax(vabs(a.x), vabs(a.y)), vabs(a.z));
+}
 
 /// An orthonormal basis around n; local = (dot s, dot t, dot n).
 typedef struct {
     vec3 s, t, n;
 } Basis;
 
-/// Any basis around the unit vector n. Duff et al. 2017, "Building an orthonormal basis, revisited".
+/// Any basis around the unit vector n. Duff et al. 2017, "Building an orthonormal basis,
+/// revisited".
 static inline Basis basis_around(vec3 n) {
     const vfloat sign = with_sign(splat(1.0f), n.z);
     const vfloat a = -1.0f / (sign + n.z);

@@ -1,19 +1,21 @@
-// From a hit to a path vertex: position on the surface, normals, material word, and where new rays start.
-// SPDX-License-Identifier: BSD-3-Clause
+// From a hit to a path vertex: position on the surface, normals, material word, and where new rays
+// start. SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 #include "tree.h"
 
-// A new ray starts this far off its surface, relative to the coordinates that its position was computed from: 16 roundings.
-// Positions are put back onto their surface below, so their error along the normal is a few roundings (see test_self_hit).
+// A new ray starts this far off its surface, relative to the coordinates that its position was
+// computed from: 16 roundings. Positions are put back onto their surface below, so their error
+// along the normal is a few roundings (see test_self_hit).
 #define OFFSET_RELATIVE 9.5367431640625e-7f  // 2^-20
 
 typedef struct {
     vmask valid;
     vec3 p;
     vec3 n_geom, n_shade;  // as the surface defines them, not turned to the ray
-    vec3 albedo;           // diffuse reflectance; rough conductors: at normal incidence; 0 if purely specular
-    vint bits;             // BITS of render_types.h
-    vint light;            // triangles only; see light_of_vertex
+    vec3
+        albedo;  // diffuse reflectance; rough conductors: at normal incidence; 0 if purely specular
+    vint bits;   // BITS of render_types.h
+    vint light;  // triangles only; see light_of_vertex
     vint id;
     vfloat offset;
 } Vertex;
@@ -50,14 +52,16 @@ static inline void triangle_vertex(const Scene* s, const Hit* hit, vmask m, Vert
     __global const float8* table = s->tables + s->p->triangle_row;
     const vint row = (m ? hit->id - s->p->surface_count : splat_int(0)) * TRIANGLE_ROWS;
     const Row r0 = gather_row(table, row), r1 = gather_row(table, row + 1);
-    const vec3 v0 = vec3_of(r0.s0, r0.s1, r0.s2), v1 = vec3_of(r0.s4, r0.s5, r0.s6), v2 = vec3_of(r1.s0, r1.s1, r1.s2);
+    const vec3 v0 = vec3_of(r0.s0, r0.s1, r0.s2), v1 = vec3_of(r0.s4, r0.s5, r0.s6),
+               v2 = vec3_of(r1.s0, r1.s1, r1.s2);
     const vec3 e1 = sub3(v1, v0), e2 = sub3(v2, v0);
     const vec3 n_geom = normalize3(cross3(e1, e2));
     vec3 n_shade = n_geom;
 #if PAVE_HAS_SMOOTH
     n_shade = smooth_normal(s, as_vint(r1.s4), hit->b1, hit->b2, n_geom);
 #endif
-    const vfloat scale = vmax(max_abs_component(v0), vmax(max_abs_component(v1), max_abs_component(v2)));
+    const vfloat scale =
+        vmax(max_abs_component(v0), vmax(max_abs_component(v1), max_abs_component(v2)));
     // From the vertices, not along the ray: the error does not grow with the ray's length.
     v->p = select3(m, mad3(e2, hit->b2, mad3(e1, hit->b1, v0)), v->p);
     v->n_geom = select3(m, n_geom, v->n_geom);
@@ -69,7 +73,8 @@ static inline void triangle_vertex(const Scene* s, const Hit* hit, vmask m, Vert
 #endif
 
 #if PAVE_HAS_SHAPES || PAVE_TREE_SHAPES
-static inline void shape_vertex(const Scene* s, const Hit* hit, vmask triangle, vec3 o, vec3 d, Vertex* v) {
+static inline void shape_vertex(const Scene* s, const Hit* hit, vmask triangle, vec3 o, vec3 d,
+                                Vertex* v) {
     const vint row = (triangle ? splat_int(0) : hit->id) * SURFACE_ROWS;
     const Row r = gather_row(s->tables + s->p->surface_row, row);
     const vec3 q = vec3_of(r.s0, r.s1, r.s2);
@@ -119,12 +124,14 @@ static inline Vertex vertex_of(const Scene* s, const Hit* hit, vec3 o, vec3 d) {
     return v;
 }
 
-/// Second row of the vertex's surface or triangle, for what few vertices need: { tangent, light, object } or { v2, object, .. }.
+/// Second row of the vertex's surface or triangle, for what few vertices need: { tangent, light,
+/// object } or { v2, object, .. }.
 static inline Row cold_row(const Scene* s, const Vertex* v, vmask* triangle) {
 #if PAVE_HAS_TRIANGLES
     *triangle = v->id >= s->p->surface_count;
     const vint shape_row = (int)s->p->surface_row + v->id * SURFACE_ROWS + 1;
-    const vint triangle_row = (int)s->p->triangle_row + (v->id - s->p->surface_count) * TRIANGLE_ROWS + 1;
+    const vint triangle_row =
+        (int)s->p->triangle_row + (v->id - s->p->surface_count) * TRIANGLE_ROWS + 1;
     return gather_row(s->tables, *triangle ? triangle_row : shape_row);
 #else
     *triangle = mask_of(0);
@@ -150,15 +157,17 @@ static inline vint object_of_vertex(const Scene* s, const Vertex* v) {
     return as_vint(triangle ? r.s3 : r.s4);
 }
 
-/// Basis around n_shade. Its tangent follows the shape's own where a material asks for it (anisotropic), as in Mitsuba:
-/// rectangles and cubes by their first axis, disks radially, spheres along the parallels, triangles arbitrarily.
+/// Basis around n_shade. Its tangent follows the shape's own where a material asks for it
+/// (anisotropic), as in Mitsuba: rectangles and cubes by their first axis, disks radially, spheres
+/// along the parallels, triangles arbitrarily.
 static inline Basis basis_of_vertex(const Scene* s, const Vertex* v) {
     Basis b = basis_around(v->n_shade);
 #if PAVE_HAS_ANISOTROPIC && (PAVE_HAS_SHAPES || PAVE_TREE_SHAPES)
     vmask triangle;
     const Row r = cold_row(s, v, &triangle);
     vec3 tangent = vec3_of(r.s0, r.s1, r.s2);  // sphere: its pole's direction
-    const vmask disk = bits_kind(v->bits) == SURFACE_DISK, sphere = bits_kind(v->bits) == SURFACE_SPHERE;
+    const vmask disk = bits_kind(v->bits) == SURFACE_DISK,
+                sphere = bits_kind(v->bits) == SURFACE_SPHERE;
     tangent = select3(disk, sub3(v->p, tangent), tangent);
     tangent = select3(sphere, cross3(tangent, v->n_geom), tangent);
     tangent = select3(sphere & bits_inverted(v->bits), neg3(tangent), tangent);

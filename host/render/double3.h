@@ -24,9 +24,7 @@ inline Double3 cross(Double3 a, Double3 b) {
 }
 inline double length(Double3 a) { return std::sqrt(dot(a, a)); }
 inline Double3 normalized(Double3 a) { return a / length(a); }
-inline double max_abs(Double3 a) {
-    return std::max({std::abs(a.x), std::abs(a.y), std::abs(a.z)});
-}
+inline double max_abs(Double3 a) { return std::max({std::abs(a.x), std::abs(a.y), std::abs(a.z)}); }
 inline bool is_finite(Double3 a) {
     return std::isfinite(a.x) && std::isfinite(a.y) && std::isfinite(a.z);
 }

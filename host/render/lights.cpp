@@ -55,16 +55,21 @@ void add_lights(const Scene& scene, SceneData& data, std::vector<LightSource> li
     const Double3 low = to_double3(data.bounds.lower), high = to_double3(data.bounds.upper);
     const double radius = data.bounds.empty() ? 1.0 : length(high - low) / 2;
     if (scene.has_environment && luminance(scene.environment) > 0)
-        lights.push_back({.kind = LIGHT_ENVIRONMENT, .radiance = scene.environment,
-                          .power = 4 * std::numbers::pi * std::numbers::pi * radius * radius * luminance(scene.environment)});
+        lights.push_back({.kind = LIGHT_ENVIRONMENT,
+                          .radiance = scene.environment,
+                          .power = 4 * std::numbers::pi * std::numbers::pi * radius * radius *
+                                   luminance(scene.environment)});
     for (const Scene::PointLight& light : scene.point_lights)
         if (luminance(light.intensity) > 0)
-            lights.push_back({.kind = LIGHT_POINT, .p = to_double3(light.position), .radiance = light.intensity,
+            lights.push_back({.kind = LIGHT_POINT,
+                              .p = to_double3(light.position),
+                              .radiance = light.intensity,
                               .power = 4 * std::numbers::pi * luminance(light.intensity)});
     if (lights.empty()) return;
     for (const LightSource& light : lights)
         if (!std::isfinite(light.power))
-            throw InputError("scene '" + scene.name + "': a light's power is not finite; check its radiance and size");
+            throw InputError("scene '" + scene.name +
+                             "': a light's power is not finite; check its radiance and size");
     const std::vector<double> ends = parts(lights);
     for (size_t i = 0; i < lights.size(); ++i) {
         const double pmf = (ends[i] - (i > 0 ? ends[i - 1] : 0.0)) / kRange;

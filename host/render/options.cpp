@@ -16,8 +16,8 @@ namespace {
 constexpr int kMaxSpp = 1 << 24;
 // Without roulette a path in a lossless scene ends here only.
 constexpr int kMaxDepthWithoutRoulette = 1 << 16;
-constexpr const char* kNames[CHANNEL_COUNT] = {"color",    "albedo",   "direct",   "normal", "depth",
-                                               "distance", "variance", "position", "object"};
+constexpr const char* kNames[CHANNEL_COUNT] = {
+    "color", "albedo", "direct", "normal", "depth", "distance", "variance", "position", "object"};
 constexpr int kPathsPerSegment = 1024;  // a work-item's worth: 20 to 200 us on a CPU core
 constexpr int kLeastSegment = 8;
 constexpr int kLargestSegment = 64;  // PAVE_SEGMENT
@@ -39,10 +39,12 @@ int shade_depth(uint32_t channels, int max_depth) {
     return std::min(max_depth, has(channels, CHANNEL_DIRECT) ? 2 : 1);
 }
 
-/// Film point (x, y) in pixels, y down: a point of the plane z = 1 of the camera, whose x axis points left.
+/// Film point (x, y) in pixels, y down: a point of the plane z = 1 of the camera, whose x axis
+/// points left.
 void set_camera(kernel::PathParams& p, const View& view, int width, int height) {
     const Axes camera(view.world_from_camera);
-    const double half = std::tan(static_cast<double>(view.fov_x_degrees) * std::numbers::pi / 360.0);
+    const double half =
+        std::tan(static_cast<double>(view.fov_x_degrees) * std::numbers::pi / 360.0);
     const double pixel = 2 * half / width;
     copy3(p.eye, camera.origin);
     copy3(p.right, camera.x * -pixel);
@@ -72,22 +74,28 @@ void check_options(const View& view, const RenderOptions& options, size_t max_wo
     if (options.rr_depth < 0) refuse("rr_depth", options.rr_depth, "0..2147483647");
     if (std::min(options.max_depth, options.rr_depth) > kMaxDepthWithoutRoulette)
         throw UsageError("max_depth " + std::to_string(options.max_depth) + " with rr_depth " +
-                         std::to_string(options.rr_depth) + ": paths beyond 65536 edges need roulette; lower one of them");
+                         std::to_string(options.rr_depth) +
+                         ": paths beyond 65536 edges need roulette; lower one of them");
     if (options.frame_index < 0 || options.frame_index > 0xffffffffLL)
         refuse("frame_index", options.frame_index, "0..4294967295");
     if (options.tile_rows < 0) refuse("tile_rows", options.tile_rows, "0..height");
-    if (options.work_group_size < 0 || static_cast<size_t>(options.work_group_size) > max_work_group_size)
-        refuse("work_group_size", options.work_group_size, "0.." + std::to_string(max_work_group_size));
+    if (options.work_group_size < 0 ||
+        static_cast<size_t>(options.work_group_size) > max_work_group_size)
+        refuse("work_group_size", options.work_group_size,
+               "0.." + std::to_string(max_work_group_size));
     const int lanes = options.lane_width;
     if (lanes != 0 && lanes != 1 && lanes != 4 && lanes != 8 && lanes != 16)
         refuse("lane_width", lanes, "0, 1, 4, 8, 16");
-    if (!(view.fov_x_degrees > 0.0f && view.fov_x_degrees < 180.0f)) refuse("field of view", view.fov_x_degrees, "(0, 180) degrees");
+    if (!(view.fov_x_degrees > 0.0f && view.fov_x_degrees < 180.0f))
+        refuse("field of view", view.fov_x_degrees, "(0, 180) degrees");
     for (float x : view.world_from_camera)
-        if (!std::isfinite(x)) throw UsageError("the view's matrix has an entry that is not finite");
+        if (!std::isfinite(x))
+            throw UsageError("the view's matrix has an entry that is not finite");
     const Axes axes(view.world_from_camera);
     const double volume = std::abs(dot(cross(axes.x, axes.y), axes.z));
     if (!(volume > 1e-6 * length(axes.x) * length(axes.y) * length(axes.z)))
-        throw UsageError("the view's matrix is singular; its first three columns must be independent axes");
+        throw UsageError(
+            "the view's matrix is singular; its first three columns must be independent axes");
 }
 
 uint32_t channels_of(const FrameSchema& schema) {
@@ -97,12 +105,15 @@ uint32_t channels_of(const FrameSchema& schema) {
         if (at < 0) continue;
         const int planes = schema.channels()[static_cast<size_t>(at)].planes;
         if (planes != known_channel_planes(kNames[i]))
-            throw UsageError("channel '" + std::string(kNames[i]) + "' has " + std::to_string(planes) + " planes, not " +
+            throw UsageError("channel '" + std::string(kNames[i]) + "' has " +
+                             std::to_string(planes) + " planes, not " +
                              std::to_string(known_channel_planes(kNames[i])));
         channels |= 1u << i;
     }
     if (channels == 0)
-        throw UsageError("the frame has no channel that the path tracer writes; add color, albedo, direct, normal or depth");
+        throw UsageError(
+            "the frame has no channel that the path tracer writes; add color, albedo, direct, "
+            "normal or depth");
     return channels;
 }
 
@@ -114,11 +125,12 @@ int segment_of(int spp, int lanes) {
     return lanes == 1 ? 1 : std::clamp(kPathsPerSegment / spp, kLeastSegment, kLargestSegment);
 }
 
-kernel::PathParams make_params(const SceneData& data, const Scene& scene, const View& view, const RenderOptions& options,
-                               const FrameSchema& schema, int lanes) {
+kernel::PathParams make_params(const SceneData& data, const Scene& scene, const View& view,
+                               const RenderOptions& options, const FrameSchema& schema, int lanes) {
     kernel::PathParams p{};
     for (int i = 0; i < CHANNEL_COUNT; ++i)
-        if (const int at = schema.find(kNames[i]); at >= 0) p.channel_offset[i] = schema.channel_byte_offset(at) / sizeof(float);
+        if (const int at = schema.find(kNames[i]); at >= 0)
+            p.channel_offset[i] = schema.channel_byte_offset(at) / sizeof(float);
     p.plane = static_cast<uint64_t>(schema.width()) * static_cast<uint64_t>(schema.height());
     set_camera(p, view, schema.width(), schema.height());
     for (int c = 0; c < 3; ++c) {

@@ -10,22 +10,23 @@ namespace pave {
 /// Throws UsageError, naming the option, its value and its range.
 void check_options(const View& view, const RenderOptions& options, size_t max_work_group_size);
 
-/// Channels of `schema` that the path tracer writes, as a CHANNEL_* bit set. Throws UsageError if there are none or one has
-/// another number of planes than is known.
+/// Channels of `schema` that the path tracer writes, as a CHANNEL_* bit set. Throws UsageError if
+/// there are none or one has another number of planes than is known.
 uint32_t channels_of(const FrameSchema& schema);
 
 /// Whether the path tracer writes a channel of this name.
 bool is_rendered(std::string_view channel);
 
-/// Pixels of a row that a work-item renders: enough paths that lanes run dry rarely, few enough pixels for many work-items.
-/// A function of samples and lanes only, since the order of additions follows from it.
+/// Pixels of a row that a work-item renders: enough paths that lanes run dry rarely, few enough
+/// pixels for many work-items. A function of samples and lanes only, since the order of additions
+/// follows from it.
 int segment_of(int spp, int lanes);
 
-kernel::PathParams make_params(const SceneData& data, const Scene& scene, const View& view, const RenderOptions& options,
-                               const FrameSchema& schema, int lanes);
+kernel::PathParams make_params(const SceneData& data, const Scene& scene, const View& view,
+                               const RenderOptions& options, const FrameSchema& schema, int lanes);
 
-/// Where the parts of the buffers `shapes`, `tree` and `tables` begin is in the params; these are their contents.
-/// Broadcast shapes have every number once a lane.
+/// Where the parts of the buffers `shapes`, `tree` and `tables` begin is in the params; these are
+/// their contents. Broadcast shapes have every number once a lane.
 std::vector<Row> pack_shapes(const SceneData& data, int lanes);
 std::vector<Row> pack_tree(const SceneData& data);
 std::vector<Row> pack_tables(const SceneData& data);

@@ -1,7 +1,5 @@
 // Renderer: uploads a scene once, keeps its programs, renders frames in launches of some rows.
 // SPDX-License-Identifier: BSD-3-Clause
-#include "pave/render.h"
-
 #include <algorithm>
 #include <chrono>
 #include <deque>
@@ -9,6 +7,7 @@
 
 #include "host/render/options.h"
 #include "pave/error.h"
+#include "pave/render.h"
 #include "pave/version.h"
 
 namespace pave {
@@ -16,19 +15,26 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-constexpr int kPassSpp = 256;            // samples of a pixel that are summed before passes are added (kernels/film.h)
-constexpr double kLaunchSeconds = 0.1;   // aimed at: short enough to cancel, long against what a launch costs
-constexpr double kFirstGuess = 1e6;      // paths a second and compute unit, until a launch has been measured
-constexpr int kKeptFloats = 32;          // a pixel's sums between passes; SUM_KEPT of kernels/film.h is less
-constexpr size_t kLaunchesAhead = 2;     // in the queue, so that the device never waits for the host
+constexpr int kPassSpp =
+    256;  // samples of a pixel that are summed before passes are added (kernels/film.h)
+constexpr double kLaunchSeconds =
+    0.1;  // aimed at: short enough to cancel, long against what a launch costs
+constexpr double kFirstGuess =
+    1e6;  // paths a second and compute unit, until a launch has been measured
+constexpr int kKeptFloats =
+    32;  // a pixel's sums between passes; SUM_KEPT of kernels/film.h is less
+constexpr size_t kLaunchesAhead = 2;  // in the queue, so that the device never waits for the host
 
-double seconds_since(Clock::time_point begin) { return std::chrono::duration<double>(Clock::now() - begin).count(); }
+double seconds_since(Clock::time_point begin) {
+    return std::chrono::duration<double>(Clock::now() - begin).count();
+}
 
-/// Local size along a row; work-items beyond it do not exist, so it must divide the global size.
-int divisor_at_most(int wanted, int global) {
+/// Local size along a row. Where work-items are vectors one is a group of its own; else the driver knows best.
+cl::NDRange local_size(int wanted, int lanes, int global) {
+    if (wanted == 0) return lanes == 1 ? cl::NullRange : cl::NDRange(1, 1);
     int size = std::clamp(wanted, 1, global);
-    while (global % size != 0) --size;
-    return size;
+    while (global % size != 0) --size;  // it must divide the global size
+    return cl::NDRange(static_cast<size_t>(size), 1);
 }
 
 }  // namespace
@@ -49,7 +55,8 @@ class Renderer::Impl {
         if (!frame) throw UsageError("render needs a frame; acquire one of a stage or make one");
         check_options(view, options, device_.profile().max_work_group_size);
         Frame target = frame;
-        if (slot_buffer_of(device_, frame)() == nullptr) target = make_frame(frame.schema(), device_);
+        if (slot_buffer_of(device_, frame)() == nullptr)
+            target = make_frame(frame.schema(), device_);
         slot_to_device(device_, target);
         trace(view, options, target);
         wait(slot_to_host(device_, target), "frame");
@@ -82,30 +89,37 @@ class Renderer::Impl {
     const cl::Buffer& shapes_for(int lanes) {
         auto it = shapes_.find(lanes);
         if (it == shapes_.end())
-            it = shapes_.emplace(lanes, make_buffer_of(device_, pack_shapes(data_, lanes), "shapes")).first;
+            it =
+                shapes_.emplace(lanes, make_buffer_of(device_, pack_shapes(data_, lanes), "shapes"))
+                    .first;
         return it->second;
     }
 
     void trace(const View& view, const RenderOptions& options, Frame& target) {
         const FrameSchema& schema = target.schema();
-        const int lanes = options.lane_width != 0 ? options.lane_width : device_.profile().lane_width;
+        const int lanes =
+            options.lane_width != 0 ? options.lane_width : device_.profile().lane_width;
         cl::Kernel& kernel = kernel_for(channels_of(schema), lanes);
         const kernel::PathParams p = make_params(data_, scene_, view, options, schema, lanes);
         write_buffer(device_, params_, std::array{p}, "parameters");
         const cl::Buffer slot = slot_buffer_of(device_, target);
         const cl::Buffer& shapes = shapes_for(lanes);
         const int segments = (p.width + p.segment - 1) / p.segment;
-        const int group = divisor_at_most(std::max(options.work_group_size, 1), segments);
+        const cl::NDRange local = local_size(options.work_group_size, lanes, segments);
         Rows rows(*this, options, p);
         for (int row = 0, count = 0; row < p.height; row += count) {
             count = rows.next(p.height - row);
-            const cl::Buffer& kept = kept_for(options.spp > kPassSpp ? static_cast<size_t>(count) * static_cast<size_t>(p.width) : 0);
+            const cl::Buffer& kept = kept_for(
+                options.spp > kPassSpp ? static_cast<size_t>(count) * static_cast<size_t>(p.width)
+                                       : 0);
             for (int sample = 0; sample < options.spp; sample += kPassSpp) {
                 const int samples = std::min(kPassSpp, options.spp - sample);
-                rows.launched(launch(device_, kernel, cl::NDRange(static_cast<size_t>(segments), static_cast<size_t>(count)),
-                                     cl::NDRange(static_cast<size_t>(group), 1), params_, shapes, tree_, tables_, light_cdf_, slot,
-                                     kept, dropped_, row, sample, samples),
-                              static_cast<double>(count) * p.width * samples);
+                rows.launched(
+                    launch(device_, kernel,
+                           cl::NDRange(static_cast<size_t>(segments), static_cast<size_t>(count)),
+                           local, params_, shapes, tree_,
+                           tables_, light_cdf_, slot, kept, dropped_, row, sample, samples),
+                    static_cast<double>(count) * p.width * samples);
             }
         }
         rows.finish();
@@ -115,13 +129,18 @@ class Renderer::Impl {
         last_dropped_ = dropped[0];
     }
 
-    /// Keeps a few launches ahead of the device, measures them and chooses how many rows the next one gets.
+    /// Keeps a few launches ahead of the device, measures them and chooses how many rows the next
+    /// one gets.
     class Rows {
        public:
         Rows(Impl& impl, const RenderOptions& options, const kernel::PathParams& p)
-            : impl_(impl), options_(options), width_(p.width), all_(static_cast<double>(p.plane) * options.spp) {}
+            : impl_(impl),
+              options_(options),
+              width_(p.width),
+              all_(static_cast<double>(p.plane) * options.spp) {}
         ~Rows() {
-            // Commands still in the queue use the frame: they must end before the caller gets it back.
+            // Commands still in the queue use the frame: they must end before the caller gets it
+            // back.
             try {
                 for (const Launch& l : pending_) wait(l.event, "render");
             } catch (const Error&) {
@@ -133,7 +152,8 @@ class Renderer::Impl {
 
         int next(int left) const {
             if (options_.tile_rows > 0) return std::min(options_.tile_rows, left);
-            const double paths_a_row = static_cast<double>(width_) * std::min(options_.spp, kPassSpp);
+            const double paths_a_row =
+                static_cast<double>(width_) * std::min(options_.spp, kPassSpp);
             const double rows = impl_.paths_a_second_ * kLaunchSeconds / paths_a_row;
             return std::clamp(static_cast<int>(std::min(rows, 16384.0)), 1, left);
         }
@@ -159,8 +179,10 @@ class Renderer::Impl {
             last_ = Clock::now();
             done_ += first.paths;
             // The very first launch also compiles.
-            if (measured_++ > 0 && spent > 0) impl_.paths_a_second_ = 0.5 * (impl_.paths_a_second_ + first.paths / spent);
-            if (options_.progress && !options_.progress(done_ / all_)) throw RunError("render cancelled");
+            if (measured_++ > 0 && spent > 0)
+                impl_.paths_a_second_ = 0.5 * (impl_.paths_a_second_ + first.paths / spent);
+            if (options_.progress && !options_.progress(done_ / all_))
+                throw RunError("render cancelled");
         }
 
         Impl& impl_;
@@ -174,7 +196,8 @@ class Renderer::Impl {
 
     const cl::Buffer& kept_for(size_t pixels) {
         if (kept_() == nullptr || kept_pixels_ < pixels) {
-            kept_ = make_buffer(device_, pixels * kKeptFloats * sizeof(float), "sums between passes");
+            kept_ =
+                make_buffer(device_, pixels * kKeptFloats * sizeof(float), "sums between passes");
             kept_pixels_ = pixels;
         }
         return kept_;
@@ -224,7 +247,9 @@ Renderer& Renderer::operator=(Renderer&&) noexcept = default;
 
 const Scene& Renderer::scene() const { return impl_->scene(); }
 const Device& Renderer::device() const { return impl_->device(); }
-void Renderer::render(const View& view, const RenderOptions& options, Frame& frame) { impl_->render(view, options, frame); }
+void Renderer::render(const View& view, const RenderOptions& options, Frame& frame) {
+    impl_->render(view, options, frame);
+}
 uint64_t Renderer::dropped_samples() const { return impl_->dropped_samples(); }
 int Renderer::dropped_triangles() const { return impl_->data().dropped_triangles; }
 

@@ -1,5 +1,5 @@
-// Puts a scene's parts together for the device: materials, bounds, and the features its programs need.
-// SPDX-License-Identifier: BSD-3-Clause
+// Puts a scene's parts together for the device: materials, bounds, and the features its programs
+// need. SPDX-License-Identifier: BSD-3-Clause
 #include "host/render/scene_data.h"
 
 #include <algorithm>
@@ -37,12 +37,14 @@ Rgb albedo_of(const Bsdf& bsdf) {
     if (bsdf.type == Bsdf::Type::kDiffuse) return bsdf.reflectance;
     Rgb albedo{0, 0, 0};
     if (bsdf.type == Bsdf::Type::kRoughConductor)
-        for (size_t c = 0; c < 3; ++c) albedo[c] = bsdf.specular_reflectance[c] * normal_reflectance(bsdf.eta[c], bsdf.k[c]);
+        for (size_t c = 0; c < 3; ++c)
+            albedo[c] = bsdf.specular_reflectance[c] * normal_reflectance(bsdf.eta[c], bsdf.k[c]);
     return albedo;
 }
 
 bool has_bsdf(const Scene& scene, Bsdf::Type type) {
-    return std::any_of(scene.bsdfs.begin(), scene.bsdfs.end(), [&](const Bsdf& b) { return b.type == type; });
+    return std::any_of(scene.bsdfs.begin(), scene.bsdfs.end(),
+                       [&](const Bsdf& b) { return b.type == type; });
 }
 
 bool has_light(const SceneData& data, int kind) {
@@ -51,7 +53,8 @@ bool has_light(const SceneData& data, int kind) {
     return false;
 }
 
-/// Bounds of all shapes, and how far rays start off them at least: a thousandth of what the largest coordinate would ask for.
+/// Bounds of all shapes, and how far rays start off them at least: a thousandth of what the largest
+/// coordinate would ask for.
 void set_bounds(SceneData& data) {
     for (const auto& shape : data.flats) data.bounds.grow(bounds_of(shape));
     for (const auto& shape : data.cubes) data.bounds.grow(bounds_of(shape));
@@ -60,7 +63,8 @@ void set_bounds(SceneData& data) {
         for (const auto& corner : triangle) data.bounds.grow_to(corner);
     if (data.bounds.empty()) return;
     double extent = 0;
-    for (size_t a = 0; a < 3; ++a) extent = std::max(extent, static_cast<double>(data.bounds.upper[a]) - data.bounds.lower[a]);
+    for (size_t a = 0; a < 3; ++a)
+        extent = std::max(extent, static_cast<double>(data.bounds.upper[a]) - data.bounds.lower[a]);
     data.offset_floor = static_cast<float>(extent * 0x1p-30);
 }
 
@@ -72,34 +76,38 @@ bool emits(const Shape& shape) { return shape.is_emitter && luminance(shape.radi
 
 std::string name_of(const Scene& scene, const Shape& shape) {
     const auto index = &shape - scene.shapes.data();
-    return "scene '" + scene.name + "': shape " + std::to_string(index) + (shape.id.empty() ? "" : " '" + shape.id + "'");
+    return "scene '" + scene.name + "': shape " + std::to_string(index) +
+           (shape.id.empty() ? "" : " '" + shape.id + "'");
 }
 
 uint32_t surface_bits(const Scene& scene, const Shape& shape, int kind, bool inverted) {
     const Bsdf& bsdf = scene.bsdfs[static_cast<size_t>(shape.bsdf)];
-    return make_bits(shape.bsdf, kernel_type(bsdf.type), bsdf.two_sided, emits(shape), kind, inverted);
+    return make_bits(shape.bsdf, kernel_type(bsdf.type), bsdf.two_sided, emits(shape), kind,
+                     inverted);
 }
 
 void add_materials(const Scene& scene, SceneData& data) {
     if (scene.bsdfs.size() >= MAX_BSDFS)
-        throw InputError("scene '" + scene.name + "': " + std::to_string(scene.bsdfs.size()) + " materials, at most " +
-                         std::to_string(MAX_BSDFS - 1));
+        throw InputError("scene '" + scene.name + "': " + std::to_string(scene.bsdfs.size()) +
+                         " materials, at most " + std::to_string(MAX_BSDFS - 1));
     for (const Shape& shape : scene.shapes)
         if (shape.bsdf < 0 || static_cast<size_t>(shape.bsdf) >= scene.bsdfs.size())
-            throw InputError(name_of(scene, shape) + ": material " + std::to_string(shape.bsdf) + " of " +
-                             std::to_string(scene.bsdfs.size()));
+            throw InputError(name_of(scene, shape) + ": material " + std::to_string(shape.bsdf) +
+                             " of " + std::to_string(scene.bsdfs.size()));
     for (const Bsdf& b : scene.bsdfs) {
         const Rgb a = albedo_of(b);
         const Rgb &n = b.eta, &k = b.k, &r = b.specular_reflectance, &t = b.specular_transmittance;
-        data.bsdfs.push_back({a[0], a[1], a[2], 0, std::max(b.alpha_u, kLeastAlpha), std::max(b.alpha_v, kLeastAlpha),
-                              b.int_ior / b.ext_ior, 0});
+        data.bsdfs.push_back({a[0], a[1], a[2], 0, std::max(b.alpha_u, kLeastAlpha),
+                              std::max(b.alpha_v, kLeastAlpha), b.int_ior / b.ext_ior, 0});
         data.bsdfs.push_back({n[0], n[1], n[2], 0, k[0], k[1], k[2], 0});
         data.bsdfs.push_back({r[0], r[1], r[2], 0, t[0], t[1], t[2], 0});
     }
 }
 
 void add_features(const Scene& scene, SceneData& data, const RendererPaths& paths) {
-    const auto set = [&](const char* name, int value) { data.features.insert_or_assign(name, value); };
+    const auto set = [&](const char* name, int value) {
+        data.features.insert_or_assign(name, value);
+    };
     set("PAVE_STACK", std::max((data.stack + 15) / 16 * 16, 16));
     const bool shapes = !data.flats.empty() || !data.cubes.empty() || !data.spheres.empty();
     set("PAVE_TREE_SHAPES", !data.broadcast && shapes);
@@ -118,8 +126,12 @@ void add_features(const Scene& scene, SceneData& data, const RendererPaths& path
     set("PAVE_HAS_CONDUCTOR", has_bsdf(scene, Bsdf::Type::kConductor));
     set("PAVE_HAS_ROUGH", has_bsdf(scene, Bsdf::Type::kRoughConductor));
     set("PAVE_HAS_DIELECTRIC", has_bsdf(scene, Bsdf::Type::kDielectric));
-    const auto any_bsdf = [&](auto test) { return std::any_of(scene.bsdfs.begin(), scene.bsdfs.end(), test); };
-    set("PAVE_HAS_ANISOTROPIC", any_bsdf([](const Bsdf& b) { return b.type == Bsdf::Type::kRoughConductor && b.alpha_u != b.alpha_v; }));
+    const auto any_bsdf = [&](auto test) {
+        return std::any_of(scene.bsdfs.begin(), scene.bsdfs.end(), test);
+    };
+    set("PAVE_HAS_ANISOTROPIC", any_bsdf([](const Bsdf& b) {
+            return b.type == Bsdf::Type::kRoughConductor && b.alpha_u != b.alpha_v;
+        }));
     set("PAVE_HAS_TWO_SIDED", any_bsdf([](const Bsdf& b) { return b.two_sided; }));
     set("PAVE_HAS_QUAD_LIGHT", has_light(data, LIGHT_QUAD));
     set("PAVE_HAS_TRIANGLE_LIGHT", has_light(data, LIGHT_TRIANGLE));

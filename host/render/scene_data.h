@@ -31,8 +31,9 @@ struct SceneData {
     std::vector<kernel::CubeShape> cubes;
     std::vector<kernel::SphereShape> spheres;
     int rect_count = 0, rect_shadow = 0, disk_shadow = 0;
-    bool broadcast = true;      // shapes are tested in loops, not in the tree
-    bool repeat_shapes = true;  // and stored once a lane; programs for any scene read them as plain floats
+    bool broadcast = true;  // shapes are tested in loops, not in the tree
+    bool repeat_shapes =
+        true;  // and stored once a lane; programs for any scene read them as plain floats
 
     std::vector<Row> surfaces, triangles, normals, bsdfs, lights;
     std::vector<std::array<std::array<float, 3>, 3>> corners;  // of the triangles, for the tree
@@ -49,13 +50,15 @@ struct SceneData {
     Defines features;
 };
 
-/// Throws InputError, naming the shape, for what can not be rendered: a singular transform, a sphere scaled unevenly, an
-/// index out of range. Triangles without an area or with NaN are dropped and counted.
+/// Throws InputError, naming the shape, for what can not be rendered: a singular transform, a
+/// sphere scaled unevenly, an index out of range. Triangles without an area or with NaN are dropped
+/// and counted.
 SceneData build_scene_data(const Scene& scene, const RendererPaths& paths);
 
 // ---- Steps of build_scene_data, each in its own file ----
 
-/// Shapes, surfaces, triangles and materials; fills `emitters` with the lights that area emitters become.
+/// Shapes, surfaces, triangles and materials; fills `emitters` with the lights that area emitters
+/// become.
 struct LightSource {
     int kind = 0;
     Double3 p{}, e1{}, e2{}, normal{};

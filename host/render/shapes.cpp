@@ -1,5 +1,5 @@
-// Rectangles, disks, cubes and spheres: from object transforms to what the kernels intersect, shade and sample.
-// SPDX-License-Identifier: BSD-3-Clause
+// Rectangles, disks, cubes and spheres: from object transforms to what the kernels intersect, shade
+// and sample. SPDX-License-Identifier: BSD-3-Clause
 #include <bit>
 #include <cmath>
 #include <numbers>
@@ -11,7 +11,8 @@ namespace pave {
 namespace {
 
 constexpr double kFloatStep = 0x1p-23;
-// How unevenly a sphere may be scaled before it is refused: more than files round, less than one sees.
+// How unevenly a sphere may be scaled before it is refused: more than files round, less than one
+// sees.
 constexpr double kSphereTolerance = 1e-3;
 
 [[noreturn]] void refuse(const Scene& scene, const Shape& shape, const std::string& reason) {
@@ -69,8 +70,12 @@ class ShapeAdder {
         flat.is_disk = is_disk;
         data_.flats.push_back(flat);
 
-        LightSource light{.kind = is_disk ? LIGHT_DISK : LIGHT_QUAD, .p = axes.origin, .e1 = axes.x, .e2 = axes.y,
-                          .normal = normal, .area = length(area) * (is_disk ? std::numbers::pi : 4.0)};
+        LightSource light{.kind = is_disk ? LIGHT_DISK : LIGHT_QUAD,
+                          .p = axes.origin,
+                          .e1 = axes.x,
+                          .e2 = axes.y,
+                          .normal = normal,
+                          .area = length(area) * (is_disk ? std::numbers::pi : 4.0)};
         if (!is_disk) {
             light.p = axes.origin - axes.x - axes.y;
             light.e1 = axes.x * 2;
@@ -85,8 +90,10 @@ class ShapeAdder {
         const Double3 axis[3] = {axes.x, axes.y, axes.z};
         const double volume = dot(cross(axes.x, axes.y), axes.z);
         const double extent = length(axes.x) * length(axes.y) * length(axes.z);
-        if (!(std::abs(volume) > 1e-12 * extent) || !std::isfinite(volume) || !is_finite(axes.origin))
-            refuse(scene_, shape, "its transform has no volume; check scale and matrix in to_world");
+        if (!(std::abs(volume) > 1e-12 * extent) || !std::isfinite(volume) ||
+            !is_finite(axes.origin))
+            refuse(scene_, shape,
+                   "its transform has no volume; check scale and matrix in to_world");
         kernel::CubeShape cube{};
         cube.surface = surface_count();
         for (int a = 0; a < 3; ++a) {
@@ -95,7 +102,8 @@ class ShapeAdder {
             set3(cube.row[a], row);
             cube.row[a][3] = static_cast<float>(center - 1);
             cube.high[a] = static_cast<float>(center + 1);
-            for (int side = -1; side <= 1; side += 2) add_face(shape, axes.origin, axis, a, side, normalized(row) * side);
+            for (int side = -1; side <= 1; side += 2)
+                add_face(shape, axes.origin, axis, a, side, normalized(row) * side);
         }
         data_.cubes.push_back(cube);
     }
@@ -103,39 +111,53 @@ class ShapeAdder {
     void add_sphere(const Shape& shape) {
         const Axes axes(shape.world_from_object);
         const double radius = length(axes.x);
-        const double uneven = std::max({std::abs(length(axes.y) - radius), std::abs(length(axes.z) - radius),
-                                        std::abs(dot(axes.x, axes.y)) / radius, std::abs(dot(axes.y, axes.z)) / radius,
-                                        std::abs(dot(axes.z, axes.x)) / radius});
+        const double uneven = std::max(
+            {std::abs(length(axes.y) - radius), std::abs(length(axes.z) - radius),
+             std::abs(dot(axes.x, axes.y)) / radius, std::abs(dot(axes.y, axes.z)) / radius,
+             std::abs(dot(axes.z, axes.x)) / radius});
         if (!(radius > 0) || !std::isfinite(radius) || !is_finite(axes.origin))
-            refuse(scene_, shape, "its transform leaves no radius; check scale and matrix in to_world");
+            refuse(scene_, shape,
+                   "its transform leaves no radius; check scale and matrix in to_world");
         if (!(uneven <= kSphereTolerance * radius))
-            refuse(scene_, shape, "a sphere can only be scaled evenly; use a mesh for an ellipsoid");
+            refuse(scene_, shape,
+                   "a sphere can only be scaled evenly; use a mesh for an ellipsoid");
         kernel::SphereShape sphere{};
         set3(sphere.center, axes.origin);
         sphere.radius = static_cast<float>(radius);
         sphere.surface = surface_count();
         data_.spheres.push_back(sphere);
-        const LightSource light{.kind = LIGHT_SPHERE, .p = axes.origin, .normal = {shape.flip_normals ? -1.0 : 1.0, 0, 0},
-                                .radius = radius, .area = 4 * std::numbers::pi * radius * radius};
+        const LightSource light{.kind = LIGHT_SPHERE,
+                                .p = axes.origin,
+                                .normal = {shape.flip_normals ? -1.0 : 1.0, 0, 0},
+                                .radius = radius,
+                                .area = 4 * std::numbers::pi * radius * radius};
         add_surface(shape, SURFACE_SPHERE, axes.origin, sphere.radius, axes.z, light);
     }
 
    private:
-    uint32_t surface_count() const { return static_cast<uint32_t>(data_.surfaces.size() / SURFACE_ROWS); }
+    uint32_t surface_count() const {
+        return static_cast<uint32_t>(data_.surfaces.size() / SURFACE_ROWS);
+    }
 
-    void add_face(const Shape& shape, Double3 center, const Double3* axis, int a, int side, Double3 outward) {
+    void add_face(const Shape& shape, Double3 center, const Double3* axis, int a, int side,
+                  Double3 outward) {
         // Mitsuba's cube is a mesh whose texture coordinates run along these axes.
         constexpr int kTangent[3][2] = {{1, 1}, {2, 0}, {1, 1}};
         const int b = (a + 1) % 3, c = (a + 2) % 3;
         const Double3 normal = shape.flip_normals ? -outward : outward;
         const Double3 middle = center + axis[a] * side;
-        const LightSource light{.kind = LIGHT_QUAD, .p = middle - axis[b] - axis[c], .e1 = axis[b] * 2, .e2 = axis[c] * 2,
-                                .normal = normal, .area = 4 * length(cross(axis[b], axis[c]))};
+        const LightSource light{.kind = LIGHT_QUAD,
+                                .p = middle - axis[b] - axis[c],
+                                .e1 = axis[b] * 2,
+                                .e2 = axis[c] * 2,
+                                .normal = normal,
+                                .area = 4 * length(cross(axis[b], axis[c]))};
         add_surface(shape, SURFACE_FLAT, normal, static_cast<float>(dot(normal, middle)),
                     axis[kTangent[a][side > 0]], light);
     }
 
-    void add_surface(const Shape& shape, int kind, Double3 q, float q3, Double3 tangent, LightSource light) {
+    void add_surface(const Shape& shape, int kind, Double3 q, float q3, Double3 tangent,
+                     LightSource light) {
         const auto object = static_cast<uint32_t>(&shape - scene_.shapes.data());
         const auto bsdf = static_cast<size_t>(shape.bsdf);
         const Row& material = data_.bsdfs[bsdf * BSDF_ROWS];
@@ -180,7 +202,8 @@ void add_shapes(const Scene& scene, SceneData& data, std::vector<LightSource>& l
 
 /// Corners of the parallelogram around a flat shape, from its dual axes.
 static std::array<Double3, 4> corners_of(const kernel::FlatShape& flat) {
-    const Double3 u{flat.u[0], flat.u[1], flat.u[2]}, v{flat.v[0], flat.v[1], flat.v[2]}, n{flat.n[0], flat.n[1], flat.n[2]};
+    const Double3 u{flat.u[0], flat.u[1], flat.u[2]}, v{flat.v[0], flat.v[1], flat.v[2]},
+        n{flat.n[0], flat.n[1], flat.n[2]};
     // Rows u, v, n of the world-to-object map; columns of its inverse are the axes.
     const double det = dot(u, cross(v, n));
     const Double3 x = cross(v, n) / det, y = cross(n, u) / det, z = cross(u, v) / det;
@@ -204,7 +227,8 @@ Aabb bounds_of(const kernel::CubeShape& cube) {
     for (size_t corner = 0; corner < 8; ++corner)
         for (size_t a = 0; a < 3; ++a)
             corners[corner] =
-                corners[corner] + axis[a] * static_cast<double>(corner >> a & 1 ? cube.high[a] : cube.row[a][3]);
+                corners[corner] +
+                axis[a] * static_cast<double>(corner >> a & 1 ? cube.high[a] : cube.row[a][3]);
     return box_around(corners);
 }
 
@@ -220,7 +244,8 @@ namespace {
 std::array<double, 2> distances(const kernel::FlatShape& flat, const Aabb& box) {
     double low = -flat.n[3], high = -flat.n[3];
     for (size_t a = 0; a < 3; ++a) {
-        const double p = static_cast<double>(flat.n[a]) * box.lower[a], q = static_cast<double>(flat.n[a]) * box.upper[a];
+        const double p = static_cast<double>(flat.n[a]) * box.lower[a],
+                     q = static_cast<double>(flat.n[a]) * box.upper[a];
         low += std::min(p, q);
         high += std::max(p, q);
     }
@@ -242,7 +267,8 @@ std::array<double, 2> distances(const kernel::FlatShape& flat, const kernel::Cub
 
 }  // namespace
 
-/// Whether all that a shadow ray can start from or end at lies on one side of the plane: then the shape never blocks one.
+/// Whether all that a shadow ray can start from or end at lies on one side of the plane: then the
+/// shape never blocks one.
 static bool is_hull(const SceneData& data, const Scene& scene, const kernel::FlatShape& flat) {
     const double tolerance = 1e-5 * max_abs({data.bounds.upper[0] - data.bounds.lower[0],
                                              data.bounds.upper[1] - data.bounds.lower[1],
@@ -259,7 +285,9 @@ static bool is_hull(const SceneData& data, const Scene& scene, const kernel::Fla
         }
     for (const kernel::CubeShape& cube : data.cubes) take(distances(flat, cube));
     for (const kernel::SphereShape& sphere : data.spheres) {
-        const double d = dot({sphere.center[0], sphere.center[1], sphere.center[2]}, {flat.n[0], flat.n[1], flat.n[2]}) - flat.n[3];
+        const double d = dot({sphere.center[0], sphere.center[1], sphere.center[2]},
+                             {flat.n[0], flat.n[1], flat.n[2]}) -
+                         flat.n[3];
         take({d - sphere.radius, d + sphere.radius});
     }
     for (const auto& triangle : data.corners) {
@@ -280,7 +308,8 @@ void sort_occluders(const Scene& scene, SceneData& data, const RendererPaths& pa
     const bool one_light = data.lights.size() == LIGHT_ROWS;
     const auto can_block = [&](const kernel::FlatShape& flat) {
         if (!paths.cull_occluders || scene.has_environment) return true;
-        const bool is_light = bits_emits(std::bit_cast<uint32_t>(data.surfaces[flat.surface * SURFACE_ROWS][3]));
+        const bool is_light =
+            bits_emits(std::bit_cast<uint32_t>(data.surfaces[flat.surface * SURFACE_ROWS][3]));
         // A ray that ends on the emitting side of the only light does not pass through it.
         if (is_light && one_light) return false;
         return !is_hull(data, scene, flat);

@@ -1,5 +1,5 @@
-// The tree in the kernels' layout: nodes of eight boxes, leaves of up to eight triangles, shapes one by one.
-// SPDX-License-Identifier: BSD-3-Clause
+// The tree in the kernels' layout: nodes of eight boxes, leaves of up to eight triangles, shapes
+// one by one. SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
 #include <bit>
 #include <limits>
@@ -19,14 +19,16 @@ struct Child {
 
 class TreeWriter {
    public:
-    TreeWriter(SceneData& data, std::vector<Primitive> primitives) : data_(data), primitives_(std::move(primitives)) {}
+    TreeWriter(SceneData& data, std::vector<Primitive> primitives)
+        : data_(data), primitives_(std::move(primitives)) {}
 
     void write() {
         std::vector<Aabb> boxes;
         for (const Primitive& primitive : primitives_) boxes.push_back(primitive.bounds);
         tree_ = build_bvh8(boxes);
         for (size_t a = 0; a < 3 && !primitives_.empty(); ++a)
-            data_.tree_bound[a] = std::max(std::abs(tree_.bounds.lower[a]), std::abs(tree_.bounds.upper[a]));
+            data_.tree_bound[a] =
+                std::max(std::abs(tree_.bounds.lower[a]), std::abs(tree_.bounds.upper[a]));
         data_.stack = write_node(0).stack;
     }
 
@@ -43,8 +45,9 @@ class TreeWriter {
         int below = 0;
         for (size_t slot = 0; slot < TREE_WIDTH; ++slot) {
             if (node.kinds[slot] == Bvh8Node::Kind::kNone) continue;
-            const Written child =
-                node.kinds[slot] == Bvh8Node::Kind::kInner ? write_node(node.children[slot]) : write_leaf(node.children[slot]);
+            const Written child = node.kinds[slot] == Bvh8Node::Kind::kInner
+                                      ? write_node(node.children[slot])
+                                      : write_leaf(node.children[slot]);
             children.push_back({node.bounds[slot], child.code});
             below = std::max(below, child.stack);
         }
@@ -69,7 +72,8 @@ class TreeWriter {
                 triangles.push_back(primitive.index);
                 triangle_bounds.grow(primitive.bounds);
             } else {
-                children.push_back({primitive.bounds, leaf_code(primitive.index, kind_code(primitive.kind))});
+                children.push_back(
+                    {primitive.bounds, leaf_code(primitive.index, kind_code(primitive.kind))});
             }
         }
         if (!triangles.empty()) children.push_back({triangle_bounds, write_triangles(triangles)});
@@ -105,8 +109,10 @@ class TreeWriter {
         for (size_t slot = 0; slot < TREE_WIDTH; ++slot)
             for (size_t axis = 0; axis < 3; ++axis) {
                 const bool used = slot < children.size();
-                data_.nodes[row + 2 * axis][slot] = used ? children[slot].bounds.lower[axis] : kInfinity;
-                data_.nodes[row + 2 * axis + 1][slot] = used ? children[slot].bounds.upper[axis] : -kInfinity;
+                data_.nodes[row + 2 * axis][slot] =
+                    used ? children[slot].bounds.lower[axis] : kInfinity;
+                data_.nodes[row + 2 * axis + 1][slot] =
+                    used ? children[slot].bounds.upper[axis] : -kInfinity;
             }
         for (size_t slot = 0; slot < children.size(); ++slot)
             data_.nodes[row + 6][slot] = std::bit_cast<float>(children[slot].code);

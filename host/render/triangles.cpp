@@ -1,5 +1,5 @@
-// Triangles of all meshes: corners, shading data, emitting triangles; the degenerate ones are dropped.
-// SPDX-License-Identifier: BSD-3-Clause
+// Triangles of all meshes: corners, shading data, emitting triangles; the degenerate ones are
+// dropped. SPDX-License-Identifier: BSD-3-Clause
 #include <cmath>
 #include <numbers>
 #include <optional>
@@ -17,7 +17,8 @@ constexpr double kLeastSquaredArea = 1e-36;
 
 bool has_area(const Point& a, const Point& b, const Point& c) {
     const Double3 normal = cross(to_double3(b) - to_double3(a), to_double3(c) - to_double3(a));
-    return is_finite(normal) && dot(normal, normal) > kLeastSquaredArea && dot(normal, normal) < 1e36;
+    return is_finite(normal) && dot(normal, normal) > kLeastSquaredArea &&
+           dot(normal, normal) < 1e36;
 }
 
 Row row_of(const Point& a, float a3, const Point& b, float b3) {
@@ -26,7 +27,10 @@ Row row_of(const Point& a, float a3, const Point& b, float b3) {
 
 LightSource light_of(const std::array<Point, 3>& corners, const Rgb& radiance, int normals) {
     const Double3 p = to_double3(corners[0]);
-    LightSource light{.kind = LIGHT_TRIANGLE, .p = p, .e1 = to_double3(corners[1]) - p, .e2 = to_double3(corners[2]) - p};
+    LightSource light{.kind = LIGHT_TRIANGLE,
+                      .p = p,
+                      .e1 = to_double3(corners[1]) - p,
+                      .e2 = to_double3(corners[2]) - p};
     const Double3 area = cross(light.e1, light.e2);
     light.normal = normalized(area);
     light.area = length(area) / 2;
@@ -45,15 +49,16 @@ void add_triangles(const Scene& scene, SceneData& data, std::vector<LightSource>
         const auto object = static_cast<uint32_t>(&shape - scene.shapes.data());
         const bool smooth = !mesh.normals.empty();
         if (smooth && mesh.normals.size() != mesh.positions.size())
-            throw InputError(name_of(scene, shape) + ": " + std::to_string(mesh.normals.size()) + " normals for " +
-                             std::to_string(mesh.positions.size()) + " vertices");
+            throw InputError(name_of(scene, shape) + ": " + std::to_string(mesh.normals.size()) +
+                             " normals for " + std::to_string(mesh.positions.size()) + " vertices");
         for (std::array<uint32_t, 3> vertex : mesh.triangles) {
             for (uint32_t index : vertex)
                 if (index >= mesh.positions.size())
-                    throw InputError(name_of(scene, shape) + ": vertex " + std::to_string(index) + " of " +
-                                     std::to_string(mesh.positions.size()));
+                    throw InputError(name_of(scene, shape) + ": vertex " + std::to_string(index) +
+                                     " of " + std::to_string(mesh.positions.size()));
             if (shape.flip_normals) std::swap(vertex[1], vertex[2]);
-            const std::array<Point, 3> corners{mesh.positions[vertex[0]], mesh.positions[vertex[1]], mesh.positions[vertex[2]]};
+            const std::array<Point, 3> corners{mesh.positions[vertex[0]], mesh.positions[vertex[1]],
+                                               mesh.positions[vertex[2]]};
             if (!has_area(corners[0], corners[1], corners[2])) {
                 ++data.dropped_triangles;
                 continue;
@@ -61,7 +66,8 @@ void add_triangles(const Scene& scene, SceneData& data, std::vector<LightSource>
             int normals = -1;
             if (smooth) {
                 normals = static_cast<int>(data.normals.size() / NORMALS_ROWS);
-                std::array<Point, 3> n{mesh.normals[vertex[0]], mesh.normals[vertex[1]], mesh.normals[vertex[2]]};
+                std::array<Point, 3> n{mesh.normals[vertex[0]], mesh.normals[vertex[1]],
+                                       mesh.normals[vertex[2]]};
                 if (shape.flip_normals)
                     for (Point& v : n)
                         for (float& x : v) x = -x;
@@ -72,7 +78,8 @@ void add_triangles(const Scene& scene, SceneData& data, std::vector<LightSource>
             data.triangles.push_back(row_of(corners[0], as_float_bits(bits), corners[1],
                                             as_float_bits(static_cast<uint32_t>(lights.size()))));
             data.triangles.push_back(row_of(corners[2], as_float_bits(object),
-                                            {as_float_bits(static_cast<uint32_t>(normals)), 0, 0}, 0));
+                                            {as_float_bits(static_cast<uint32_t>(normals)), 0, 0},
+                                            0));
             data.corners.push_back(corners);
             if (emits(shape)) lights.push_back(light_of(corners, shape.radiance, normals));
         }
