@@ -32,7 +32,7 @@ class KernelCache {
 
     /// Brackets the compilation of one program: restores what the driver had written for `key` into
     /// the process's folder, and on end() takes note of where the driver writes for it now.
-    /// Compilations of a process exclude each other.
+    /// Compilations of a process exclude each other: do not nest them.
     class Compilation {
        public:
         Compilation(KernelCache& cache, std::string key);

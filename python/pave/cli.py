@@ -383,7 +383,11 @@ def demo(
     console.result(record)
 
 
+INTERRUPTED = 130  # what typer makes of KeyboardInterrupt, which is not one of PAVE's exit codes
+
+
 def _stop(number: int, _frame: Any) -> None:
+    signal.signal(number, signal.SIG_DFL)  # a second one ends the process at once
     raise KeyboardInterrupt(signal.Signals(number).name)
 
 
@@ -391,8 +395,11 @@ def main() -> None:
     """Runs the command line and exits with the codes of docs/errors.md."""
     debug = os.environ.get("PAVE_DEBUG") == "1"
     signal.signal(signal.SIGTERM, _stop)
+    signal.signal(signal.SIGINT, _stop)
     try:
         code = app(standalone_mode=False, prog_name="pave")
+        if code == INTERRUPTED:
+            raise KeyboardInterrupt
         sys.exit(code if isinstance(code, int) else int(errors.ExitCode.DONE))
     except errors.Error as error:
         if debug:
@@ -403,6 +410,12 @@ def main() -> None:
     except BrokenPipeError:
         sys.stderr.close()
         sys.exit(int(errors.ExitCode.RUN))
+    except OSError as error:
+        if debug:
+            raise
+        _fail(f"{error.filename or 'I/O'}: {error.strerror or error}", errors.ExitCode.RUN)
+    except MemoryError:
+        _fail("out of memory: choose a smaller --size or fewer --slots", errors.ExitCode.RUN)
     except Exception as error:
         if hasattr(error, "format_message"):  # the parser's own errors: unknown option, bad number
             if type(error).__name__ == "NoArgsIsHelpError":

@@ -43,7 +43,7 @@ class RenderSettings:
         def either(value: int | None, default: int) -> int:
             return default if value is None else value
 
-        return RenderSettings(
+        settings = RenderSettings(
             width=either(self.width, scene.width),
             height=either(self.height, scene.height),
             spp=either(self.spp, scene.spp),
@@ -52,6 +52,19 @@ class RenderSettings:
             seed=self.seed,
             channels=list(self.channels),
         )
+        settings.check()
+        return settings
+
+    def check(self) -> None:
+        """Raises UsageError for what the renderer would refuse, before kernels are compiled for nothing."""
+        for name, value, low, high in (
+            ("spp", self.spp, 1, 2**24),
+            ("max_depth", self.max_depth, 1, 2**31 - 1),
+            ("rr_depth", self.rr_depth, 0, 2**31 - 1),
+            ("seed", self.seed, 0, 2**64 - 1),
+        ):
+            if value is not None and not low <= value <= high:
+                raise UsageError(f"{name} {value} is outside {low}..{high}")
 
 
 def read_views(path: str | Path) -> list[pave.View]:

@@ -21,7 +21,8 @@ DATASET = ("--views", "6", *TINY, "--frames-per-shard", "2")
 SCENE = """<scene version="3.0.0">
   <sensor type="perspective">
     <transform name="to_world"><lookat origin="{eye}" target="0, 0, 0" up="0, 1, 0"/></transform>
-    <film type="hdrfilm"><integer name="width" value="8"/><integer name="height" value="8"/></film>
+    <film type="hdrfilm"><integer name="width" value="8"/><integer name="height" value="8"/>
+      <rfilter type="box"/></film>
   </sensor>
   <shape type="rectangle">
     <transform name="to_world"><scale x="{scale}" y="1"/></transform>
@@ -154,8 +155,8 @@ NAN_OBJ = "v 0 0 0\nv nan 1 0\nv 1 0 0\nf 1 2 3\n"
 @pytest.mark.parametrize(
     ("text", "parts"),
     [
-        (scene('<phasefunction type="hg"/>'), ("bad.xml:10", "phasefunction")),
-        (scene('<shape type="teapot"/>'), ("bad.xml:10", "teapot")),
+        (scene('<phasefunction type="hg"/>'), ("bad.xml:11", "phasefunction")),
+        (scene('<shape type="teapot"/>'), ("bad.xml:11", "teapot")),
         (
             scene('<shape type="obj"><string name="filename" value="gone.obj"/></shape>'),
             ("bad.xml", "gone.obj"),
@@ -164,7 +165,7 @@ NAN_OBJ = "v 0 0 0\nv nan 1 0\nv 1 0 0\nf 1 2 3\n"
             scene('<shape type="obj"><string name="filename" value="nan.obj"/></shape>'),
             ("nan.obj", "2"),
         ),
-        (scene(scale="0"), ("bad.xml:6",)),
+        (scene(scale="0"), ("bad.xml:8",)),
         (scene(eye="0, 0, 0"), ("bad.xml:3",)),
         (scene()[:200], ("bad.xml",)),
         ("", ("bad.xml",)),
@@ -186,7 +187,7 @@ def test_unsupported_nodes_can_be_ignored(place):
     (place / "odd.xml").write_text(scene('<phasefunction type="hg"/>'))
     outcome = pave("render", "odd.xml", *RENDER, "--ignore-unsupported")
     assert outcome.code == 0, outcome.err
-    assert "odd.xml:10" in outcome.err
+    assert "odd.xml:11" in outcome.err
 
 
 def test_camera_inside_a_wall_is_allowed(place):

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -224,7 +225,10 @@ def test_interrupted_data_set_ends_soon_and_can_go_on(place, number):
 
 def test_interrupted_render_leaves_nothing(place):
     process = start("render", "cornell", "-o", "x.exr", "--size", "512x512", "--spp", "100000")
-    time.sleep(4.0)
+    maps = Path(f"/proc/{process.pid}/maps")
+    while process.poll() is None and "pocl" not in maps.read_text():
+        time.sleep(0.05)
+    time.sleep(1.0)  # among kernels' compilation or rendering, as it comes
     begin = time.monotonic()
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=60)

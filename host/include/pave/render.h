@@ -1,5 +1,5 @@
-// The path tracer on one device: renders every channel of a view in one pass, straight into a frame's slot.
-// SPDX-License-Identifier: BSD-3-Clause
+// The path tracer on one device: renders every channel of a view in one pass, straight into a
+// frame's slot. SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <cstdint>
@@ -12,28 +12,32 @@
 namespace pave {
 
 struct RenderOptions {
-    int spp = 16;            // samples a pixel, 1..2^24
-    int max_depth = 50;      // edges of the longest path, as Mitsuba: 1 = emission seen, 2 = one scattering event, ...
-    int rr_depth = 5;        // Russian roulette from this depth on; >= max_depth switches it off
+    int spp = 16;        // samples a pixel, 1..2^24
+    int max_depth = 50;  // edges of the longest path, as Mitsuba: 1 = emission seen, 2 = one
+                         // scattering event, ...
+    int rr_depth = 5;    // Russian roulette from this depth on; >= max_depth switches it off
     uint64_t seed = 0;
-    int64_t frame_index = 0; // part of the random numbers' key, 0..2^32-1
+    int64_t frame_index = 0;  // part of the random numbers' key, 0..2^32-1
     // Schedule: none of these changes a single bit of the result.
-    int tile_rows = 0;       // rows a launch; 0 chooses
-    int work_group_size = 0; // local size, along a row; 0 chooses
+    int tile_rows = 0;        // rows a launch; 0 chooses
+    int work_group_size = 0;  // local size, along a row; 0 chooses
     // Forced paths, for tests: 0 chooses.
-    int lane_width = 0;      // 1, 4, 8, 16
-    std::function<bool(double done)> progress{};  // called between launches with the fraction done; false cancels (RunError)
+    int lane_width = 0;  // 1, 4, 8, 16
+    std::function<bool(double done)>
+        progress{};  // called between launches with the fraction done; false cancels (RunError)
 };
 
-/// Which way a scene takes through the kernels. The defaults are the fast ones; tests force the others.
+/// Which way a scene takes through the kernels. The defaults are the fast ones; tests force the
+/// others.
 struct RendererPaths {
-    int broadcast_shapes = 64;   // up to this many analytic shapes are tested one after the other; more go into the tree
+    int broadcast_shapes = 64;   // up to this many analytic shapes are tested one after the other;
+                                 // more go into the tree
     bool cull_occluders = true;  // shapes on the scene's hull are left out of shadow tests
     bool specialise = true;      // programs for this scene's features only, not for any scene
 };
 
-/// Scene data on one device and the programs specialised for it. One render at a time per renderer; distinct renderers are
-/// independent. render() blocks until the frame is complete.
+/// Scene data on one device and the programs specialised for it. One render at a time per renderer;
+/// distinct renderers are independent. render() blocks until the frame is complete.
 class Renderer {
    public:
     /// Throws InputError, naming the shape, for a scene that can not be rendered.
@@ -45,13 +49,14 @@ class Renderer {
     const Scene& scene() const;
     const Device& device() const;
 
-    /// Fills every channel of `frame` that the path tracer knows (color, albedo, direct, normal, depth, distance, variance,
-    /// position, object; others are left alone) and its metadata. Frames of this device are written in place; other frames
-    /// get a copy. Throws UsageError for options out of range, DeviceError from OpenCL.
+    /// Fills every channel of `frame` that the path tracer knows (color, albedo, direct, normal,
+    /// depth, distance, variance, position, object; others are left alone) and its metadata. Frames
+    /// of this device are written in place; other frames get a copy. Throws UsageError for options
+    /// out of range, DeviceError from OpenCL.
     void render(const View& view, const RenderOptions& options, Frame& frame);
 
-    /// Samples of all renders so far that were not finite and so were counted as black. 0 unless the scene holds absurd
-    /// numbers or PAVE has a bug.
+    /// Samples of all renders so far that were not finite and so were counted as black. 0 unless
+    /// the scene holds absurd numbers or PAVE has a bug.
     uint64_t dropped_samples() const;
     /// Triangles without an area or with coordinates that are not finite, which were left out.
     int dropped_triangles() const;

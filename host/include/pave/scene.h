@@ -20,7 +20,7 @@ using Matrix4 = std::array<float, 16>;  // row-major
 struct Bsdf {
     enum class Type : int { kDiffuse, kConductor, kRoughConductor, kDielectric };
     Type type = Type::kDiffuse;
-    std::string id;
+    std::string id{};
     bool two_sided =
         false;  // inside a `twosided`; otherwise the back of diffuse and conductors is black
     Rgb reflectance{0.5f, 0.5f, 0.5f};  // diffuse
@@ -49,7 +49,7 @@ struct Mesh {
 struct Shape {
     enum class Type : int { kRectangle, kCube, kSphere, kDisk, kMesh };
     Type type = Type::kRectangle;
-    std::string id;
+    std::string id{};
     Matrix4 world_from_object{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
     int bsdf = 0;  // into Scene::bsdfs
     bool flip_normals =

@@ -156,7 +156,7 @@ class OtherLoader {
         if (dladdr(reinterpret_cast<void*>(&clGetPlatformIDs), &info) == 0) return;
         const std::filesystem::path copy = folder_.path() / "other_loader.so";
         std::filesystem::copy_file(std::filesystem::canonical(info.dli_fname), copy);
-        library_ = dlopen(copy.c_str(), RTLD_NOW | RTLD_LOCAL | RTLD_DEEPBIND);
+        library_ = dlopen(copy.c_str(), RTLD_NOW | RTLD_LOCAL);
     }
     template <class Function>
     Function* find(Function&, const char* name) const {
