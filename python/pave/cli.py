@@ -134,7 +134,7 @@ def render(
     from pave.image import check_output, write_image
 
     console = Console(json)
-    check_output(output)
+    check_output(output, names, parse_channels(channels))
     loaded = _load_scene(console, scene, define, ignore_unsupported)
     width, height = parse_size(size)
     settings = RenderSettings(
@@ -222,8 +222,11 @@ def dataset(
     if views_file is None and not 1 <= views <= 10_000_000:
         raise errors.UsageError(f"--views {views} is outside 1..10000000")
     loaded = _load_scene(console, scene, define, ignore_unsupported)
-    view_list = read_views(views_file) if views_file else pave.hemisphere_views(loaded, views, seed)
     width, height = parse_size(size)
+    settings = RenderSettings(
+        width, height, spp, max_depth, rr_depth, seed, parse_channels(channels)
+    ).resolved(loaded)
+    view_list = read_views(views_file) if views_file else pave.hemisphere_views(loaded, views, seed)
     recorder = pave.Trace() if trace else None
     with console.progress("dataset", len(view_list), "frames") as bar:
 
@@ -237,9 +240,7 @@ def dataset(
                 loaded,
                 uri,
                 view_list,
-                RenderSettings(
-                    width, height, spp, max_depth, rr_depth, seed, parse_channels(channels)
-                ),
+                settings,
                 slots=slots,
                 frames_per_shard=frames_per_shard,
                 exr_names=names,

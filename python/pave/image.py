@@ -6,6 +6,7 @@ SPDX-License-Identifier: BSD-3-Clause
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,10 +18,17 @@ if TYPE_CHECKING:
     import pave
 
 
-def check_output(path: Path) -> None:
-    """Raises before any work is done if `path` cannot become an image."""
+EXR_NAMES = ("pave", "oidn", "cycles")
+
+
+def check_output(path: Path, names: str = "pave", channels: Sequence[str] = ("color",)) -> None:
+    """Raises before any work is done if `channels` cannot become the image `path`."""
     if path.suffix.lower() not in (".exr", ".png"):
         raise UsageError(f"{path}: the name must end in .exr or .png")
+    if names not in EXR_NAMES:
+        raise UsageError(f"--names {names}: there are {', '.join(EXR_NAMES)}")
+    if path.suffix.lower() == ".png" and "color" not in channels:
+        raise UsageError(f"{path}: a PNG shows the channel 'color', which is not among --channels")
     folder = path.parent if str(path.parent) else Path(".")
     if not folder.is_dir():
         raise RunError(f"{path}: the folder {folder} does not exist")
