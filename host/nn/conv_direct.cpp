@@ -64,8 +64,8 @@ class DirectConv : public Conv {
     /// The first `items` work-items of each block of output channels and each phase.
     void enqueue_items(const cl::Buffer& arena, int items) {
         const cl::NDRange global(static_cast<size_t>(items), blocks_, phase_count_);
-        launch(runtime_.device(), runtime_.direct_convolution(block_), global_, runtime_.local(),
-               s_, arena, weights_, bias_, phases_, taps_, arena);
+        launch(runtime_.device(), runtime_.direct_convolution(block_), global, runtime_.local(), s_,
+               arena, weights_, bias_, phases_, taps_, arena);
     }
 
    private:

@@ -29,7 +29,8 @@ double seconds_since(Clock::time_point begin) {
     return std::chrono::duration<double>(Clock::now() - begin).count();
 }
 
-/// Local size along a row. Where work-items are vectors one is a group of its own; else the driver knows best.
+/// Local size along a row. Where work-items are vectors one is a group of its own; else the driver
+/// knows best.
 cl::NDRange local_size(int wanted, int lanes, int global) {
     if (wanted == 0) return lanes == 1 ? cl::NullRange : cl::NDRange(1, 1);
     int size = std::clamp(wanted, 1, global);
@@ -117,8 +118,8 @@ class Renderer::Impl {
                 rows.launched(
                     launch(device_, kernel,
                            cl::NDRange(static_cast<size_t>(segments), static_cast<size_t>(count)),
-                           local, params_, shapes, tree_,
-                           tables_, light_cdf_, slot, kept, dropped_, row, sample, samples),
+                           local, params_, shapes, tree_, tables_, light_cdf_, slot, kept, dropped_,
+                           row, sample, samples),
                     static_cast<double>(count) * p.width * samples);
             }
         }
