@@ -178,8 +178,11 @@ __kernel void light_pdf_many(__constant const PathParams* p, __global const floa
     const Hit hit = trace_closest(&s, o, d, mask_of(1), splat_int(-1));
     const Vertex v = vertex_of(&s, &hit, o, d);
     const vmask lit = v.valid & bits_emits(v.bits) & (dot3(v.n_shade, d) < 0.0f);
-    const Light l = light_at(&s, light_of_vertex(&s, &v));
-    vfloat pdf = keep(lit, pdf_light(&l, o, v.p, v.n_geom));
+    vfloat pdf = splat(0.0f);
+    if (lane_any(lit)) {  // a scene of sky alone has no row of lights to read
+        const Light l = light_at(&s, light_of_vertex(&s, &v));
+        pdf = keep(lit, pdf_light(&l, o, v.p, v.n_geom));
+    }
     pdf = v.valid ? pdf : splat(p->environment_pmf) * pdf_sphere();
     lane_store(pdf, out + i);
 }

@@ -25,6 +25,7 @@ class BpSource final : public FileSource {
         auto found = std::find_if(open_.begin(), open_.end(),
                                   [&](const OpenShard& shard) { return shard.block == &block; });
         if (found == open_.end()) {
+            check_room(block);
             if (open_.size() == kOpenShards) open_.pop_front();
             auto reader =
                 std::make_unique<BpReader>(root() / block.name, schema(), block.frames.size());
@@ -34,6 +35,18 @@ class BpSource final : public FileSource {
         Frame frame = make_frame(schema(), allocator);
         found->reader->get(step, frame);
         return frame;
+    }
+
+    /// BP5 does not compress: files smaller than their pixels are a lie, told before memory is
+    /// taken.
+    void check_room(const Block& block) const {
+        uint64_t byte_size = 0, frame_byte_size = 0;
+        for (const FileFacts& file : block.files) byte_size += file.byte_size;
+        for (size_t i = 0; i < schema().channels().size(); ++i)
+            frame_byte_size += schema().channel_byte_size(static_cast<int>(i));
+        if (byte_size / block.frames.size() < frame_byte_size)
+            throw InputError((root() / block.name).string() +
+                             ": the files are too small for their frames");
     }
 
     std::deque<OpenShard> open_;  // oldest first

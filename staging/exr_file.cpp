@@ -199,18 +199,22 @@ std::string text_attribute(const Imf::Header& header, const char* name, const fs
     return attribute->value();
 }
 
-Frame read_pixels(MemoryStream& stream, const FrameSchema* expected, ArenaAllocator& allocator,
-                  const fs::path& path) {
+// Deflate cannot make more than about 1030 bytes of one: a larger image than that is a lie, told
+// before memory is taken.
+constexpr size_t kMostInflation = 1100;
+
+Frame read_pixels(MemoryStream& stream, size_t byte_size, const FrameSchema* expected,
+                  ArenaAllocator& allocator, const fs::path& path) {
     Imf::InputFile file(stream);
     const Imf::Header& header = file.header();
-    const Json schema_json =
-        Json::parse(text_attribute(header, "pave.schema", path), nullptr, false);
-    const FrameSchema schema = schema_from_json(schema_json, path.string());
+    const FrameSchema schema =
+        schema_from_json(parse_json(text_attribute(header, "pave.schema", path)), path.string());
     if (expected != nullptr && schema != *expected)
         throw InputError(path.string() + " is of another schema than its data set");
-    const FrameRecord record =
-        record_from_json(Json::parse(text_attribute(header, "pave.frame", path), nullptr, false),
-                         schema, path.string());
+    if (schema.slot_byte_size() / kMostInflation > byte_size + kChannelAlignment)
+        throw InputError(path.string() + ": the file is too small for its schema");
+    const FrameRecord record = record_from_json(
+        parse_json(text_attribute(header, "pave.frame", path)), schema, path.string());
     const Imath::Box2i window = header.dataWindow();
     if (window.min != Imath::V2i(0, 0) ||
         window.max != Imath::V2i(schema.width() - 1, schema.height() - 1))
@@ -255,7 +259,7 @@ Frame read_exr_file(const fs::path& path, const FrameSchema* expected, ArenaAllo
     const std::string bytes = read_file(path);
     MemoryStream stream(path.string(), checked_bytes(bytes, path));
     try {
-        return read_pixels(stream, expected, allocator, path);
+        return read_pixels(stream, bytes.size(), expected, allocator, path);
     } catch (const Error&) {
         throw;
     } catch (const std::exception& error) {

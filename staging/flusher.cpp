@@ -183,6 +183,8 @@ bool Flusher::handle(Item& item) {
         fail(error.exit_code(), error.what(), doing);
     } catch (const std::exception& error) {
         fail(ExitCode::kRun, error.what(), doing);
+    } catch (...) {
+        fail(ExitCode::kRun, "unknown error", doing);
     }
     return !item.close;
 }

@@ -89,7 +89,7 @@ void check_closing(const Json& json, const Manifest& manifest, const std::string
 
 /// Refuses other versions before anything else of the line is looked at.
 void check_version(std::string_view line, const std::string& where) {
-    const Json json = Json::parse(line, nullptr, false);
+    const Json json = parse_json(line);
     if (!json.is_object() || !json.contains("pave_manifest"))
         throw InputError(where + ": not a PAVE manifest");
     if (json["pave_manifest"] != kManifestVersion)
@@ -129,7 +129,7 @@ Json parse_checked_line(std::string_view line, const std::string& check_before,
                         const std::string& where, std::string* check) {
     if (!is_checked(line, check_before))
         throw InputError(where + ": checksum mismatch, the line is damaged");
-    Json json = Json::parse(line, nullptr, false);
+    Json json = parse_json(line);
     if (!json.is_object()) throw InputError(where + ": not a JSON object");
     if (check != nullptr) *check = json["check"].get<std::string>();
     return json;

@@ -62,6 +62,22 @@ int64_t get_whole(const Json& json, const char* key, int64_t low, int64_t high,
 
 }  // namespace
 
+Json parse_json(std::string_view text) {
+    struct TooDeep {};
+    constexpr int kDeepest = 8;  // copies and dumps recurse: a line of brackets must not end the process
+    try {
+        return Json::parse(
+            text,
+            [](int depth, Json::parse_event_t, Json&) {
+                if (depth > kDeepest) throw TooDeep();
+                return true;
+            },
+            false);
+    } catch (const TooDeep&) {
+        return Json(Json::value_t::discarded);
+    }
+}
+
 ChannelMeaning channel_meaning(const Channel& channel) {
     if (known_channel_planes(channel.name) != channel.planes) return {};
     if (channel.name == "color") return {kRadianceUnit, "radiance, linear BT.709 R G B"};

@@ -12,6 +12,9 @@ namespace pave {
 
 using Json = nlohmann::ordered_json;  // keys keep their order: equal data are equal bytes
 
+/// The value, or a discarded one if `text` is not JSON or nests deeper than anything PAVE writes.
+Json parse_json(std::string_view text);
+
 /// A frame's identity: everything but its place in memory and the time it took.
 struct FrameRecord {
     FrameMetadata metadata;

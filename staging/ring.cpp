@@ -6,6 +6,8 @@ namespace pave {
 
 Ring::Ring(ArenaAllocator& allocator, const FrameSchema& schema, int slots) {
     std::shared_ptr<Arena> arena = allocator.allocate_arena(schema.slot_byte_size(), slots);
+    if (reinterpret_cast<uintptr_t>(arena->data()) % kChannelAlignment != 0)
+        throw InternalError("an arena of frames is not aligned");
     slots_.resize(static_cast<size_t>(slots));
     states_.resize(slots_.size(), SlotState::kFree);
     for (int i = slots - 1; i >= 0; --i) {

@@ -10,6 +10,7 @@
 #include "staging/flusher.h"
 #include "staging/ring.h"
 #include "staging/sink.h"
+#include "staging/uri.h"
 
 namespace pave {
 namespace {
@@ -138,8 +139,9 @@ class Stage::Impl {
     std::atomic<bool> closed_{false};
 };
 
-Stage::Stage(ArenaAllocator& allocator, const std::string& uri, StageOptions options)
-    : impl_(std::make_unique<Impl>(allocator, std::move(options))) {
+Stage::Stage(ArenaAllocator& allocator, const std::string& uri, StageOptions options) {
+    parse_uri(uri);  // a bad one is refused before memory is taken
+    impl_ = std::make_unique<Impl>(allocator, std::move(options));
     impl_->start(make_sink(uri, impl_->schema(), impl_->options()));
 }
 

@@ -68,7 +68,6 @@ class DirectConv : public Conv {
                arena, weights_, bias_, phases_, taps_, arena);
     }
 
-   private:
     void upload_phases(const Geometry& geometry, const PackedWeights& packed) {
         std::vector<NnPhase> phases;
         std::vector<cl_int2> taps;
@@ -95,8 +94,8 @@ class DirectConv : public Conv {
     }
 
     void choose_items(int pixels, int64_t taps, size_t phases) {
-        const int tiles = ceil_div(pixels, kTilePixels),
-                  blocks = ceil_div(s_.out_channels, tile_channels_);
+        const int tiles = ceil_div(pixels, kTilePixels);
+        const int blocks = ceil_div(s_.out_channels, tile_channels_);
         const int64_t tile_work = kTilePixels * tile_channels_ * taps * s_.in_channels;
         int64_t tiles_per_item = std::max<int64_t>(1, kItemWork / tile_work);
         const int64_t all = static_cast<int64_t>(tiles) * blocks * static_cast<int64_t>(phases);

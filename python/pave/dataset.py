@@ -137,8 +137,11 @@ def render_views(
             on_frame(index + 1, stage)
 
 
-def finished_frames(uri: str) -> int | None:
-    """Frames of a data set that its writer closed; None if it is unfinished or not there."""
+def finished_frames(uri: str, settings: RenderSettings) -> int | None:
+    """Frames of a data set that its writer closed; None if it is unfinished or not there.
+
+    `settings` are resolved ones. Raises UsageError if the set was made with others.
+    """
     import pave
 
     if not Path(uri.partition(":")[2]).exists():
@@ -146,8 +149,21 @@ def finished_frames(uri: str) -> int | None:
     try:
         source = pave.Source(uri, allow_unfinished=True)
     except InputError:
+        return None  # the stage says what is wrong with it
+    if not source.finished:
         return None
-    return len(source) if source.finished else None
+    there: dict[str, Any] = {"size": (source.width, source.height), "channels": source.channels}
+    asked: dict[str, Any] = {
+        "size": (settings.width, settings.height),
+        "channels": list(settings.channels),
+    }
+    if len(source):
+        for key in ("spp", "max_depth", "seed"):
+            there[key], asked[key] = source.metadata(0)[key], getattr(settings, key)
+    for key, value in asked.items():
+        if there[key] != value:
+            raise UsageError(f"{uri} is finished with {key} {there[key]}, not {value}")
+    return len(source)
 
 
 def render_dataset(
@@ -172,7 +188,7 @@ def render_dataset(
     import pave
 
     settings = settings.resolved(scene)
-    there = finished_frames(uri) if resume else None
+    there = finished_frames(uri, settings) if resume else None
     if there is not None:
         if there != len(views):
             raise UsageError(

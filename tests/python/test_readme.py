@@ -52,4 +52,7 @@ def test_commands(folder):
 
 
 def test_python_sketch_is_the_one_that_runs():
-    assert block("python", "Python").strip() == SKETCH.strip()
+    def lines(text: str) -> list[str]:
+        return [line for line in text.splitlines() if line.strip()]
+
+    assert lines(block("python", "Python")) == lines(SKETCH)

@@ -229,6 +229,8 @@ TEST_P(IntegrityTest, ForgedManifestsDoNotLeadOutOfTheFolder) {
         {"\"index\":1,", "\"index\":-1,"},
         {"\"index\":1,", "\"index\":0,"},
         {"\"index\":1,", "\"index\":18446744073709551615,"},
+        {"\"seed\":", "\"deep\":" + std::string(100000, '[') + std::string(100000, ']') + ",\"seed\":"},
+        {"\"kind\":", "\"deep\":" + std::string(100000, '[') + std::string(100000, ']') + ",\"kind\":"},
         {"\"seed\":", "\"seed\":-1,\"other\":"},
         {"\"frames\":[{", "\"frames\":[[],{"},
         {"\"frames\":[{", "\"frames\":7,\"other\":[{"},
@@ -244,7 +246,7 @@ TEST_P(IntegrityTest, ForgedManifestsDoNotLeadOutOfTheFolder) {
     for (const auto& [from, to] : changes) {
         ASSERT_NE(good.find(from), std::string::npos) << from;
         forge(path, [&](std::string line) { return replaced(line, from, to); });
-        EXPECT_EQ(read_all(), "damage") << from << " -> " << to;
+        EXPECT_EQ(read_all(), "damage") << from << " -> " << to.substr(0, 80);
         write_text(path, good);
     }
     EXPECT_EQ(read_all(), "");

@@ -98,7 +98,7 @@ TEST(BvhBuild, BeatsACutInHalf) {
     for (const Bvh8Node& node : tree.nodes)
         for (size_t slot = 0; slot < 8; ++slot)
             cost += node.bounds[slot].half_area() / tree.bounds.half_area();
-    EXPECT_LT(cost, 0.0)
+    EXPECT_LT(cost, 15.0)
         << "surface area below the root, in root areas: random order gives thousands";
 }
 
