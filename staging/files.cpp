@@ -91,7 +91,7 @@ void rename_durable(const fs::path& from, const fs::path& to) {
 
 bool make_folder(const fs::path& path) {
     if (fs::is_directory(path)) return false;
-    if (fs::exists(path)) throw RunError(path.string() + " exists and is not a folder");
+    if (fs::exists(path)) throw UsageError(path.string() + " exists and is not a folder");
     if (path.has_parent_path() && path.parent_path() != path) make_folder(path.parent_path());
     if (::mkdir(path.c_str(), 0777) != 0) {
         if (errno == EEXIST && fs::is_directory(path)) return false;  // somebody was faster

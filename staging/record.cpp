@@ -64,7 +64,8 @@ int64_t get_whole(const Json& json, const char* key, int64_t low, int64_t high,
 
 Json parse_json(std::string_view text) {
     struct TooDeep {};
-    constexpr int kDeepest = 8;  // copies and dumps recurse: a line of brackets must not end the process
+    constexpr int kDeepest =
+        8;  // copies and dumps recurse: a line of brackets must not end the process
     try {
         return Json::parse(
             text,

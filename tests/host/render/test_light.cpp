@@ -1,6 +1,7 @@
 // Lights: samples follow the density that a ray which hits the light computes, and carry its
 // radiance. SPDX-License-Identifier: BSD-3-Clause
 #include <numeric>
+#include <random>
 
 #include "selftest.h"
 
@@ -20,6 +21,7 @@ Scene one_light(Type type, const Matrix4& m, bool flip = false) {
 struct LightCase {
     const char* name;
     Scene scene;
+    float reach = 2.0f;  // points are chosen up to this far from the origin
 };
 
 std::vector<LightCase> cases() {
@@ -53,12 +55,63 @@ std::vector<LightCase> cases() {
         {"ellipse", one_light(Type::kDisk, rotate(1, 25) * scale(1, 0.5f, 1))},
         {"cube", one_light(Type::kCube, rotate(1, 25) * scale(0.5f, 0.7f, 0.4f))},
         {"sphere", one_light(Type::kSphere, scale(0.7f))},
-        {"sphere from inside", one_light(Type::kSphere, scale(3.0f), true)},
+        {"sphere from inside", one_light(Type::kSphere, scale(3.0f), true), 2.9f},
         {"triangle", triangles},
         {"mesh", ball},
         {"sky", sky},
-        {"many", many},
+        {"many", many, 0.5f},
     };
+}
+
+/// Points around the origin, not too near to the light for a histogram to resolve it.
+std::vector<std::array<float, 3>> points(float reach, int count, uint32_t seed) {
+    std::mt19937 rng(seed);
+    std::normal_distribution<float> normal;
+    std::uniform_real_distribution<float> unit(0.7f, 1.0f);
+    std::vector<std::array<float, 3>> result;
+    for (int i = 0; i < count; ++i) {
+        const float x = normal(rng), y = normal(rng), z = normal(rng);
+        const float s = reach * unit(rng) / std::sqrt(x * x + y * y + z * z);
+        result.push_back({x * s, y * s, z * s});
+    }
+    return result;
+}
+
+TEST(LightChi2, SamplesFollowTheirDensity) {
+    constexpr int kPoints = 4;
+    const std::vector<LightCase> all = cases();
+    const double least_p = sidak(kPoints * static_cast<int>(all.size()));
+    double smallest = 1;
+    for (const LightCase& c : all) {
+        SelfTest test(c.scene);
+        for (const auto& at : points(c.reach, kPoints, 21)) {
+            const Planes s = test.sample_light(at, 5, 1 << 15);
+            const double p = DirectionTest{}.p_value(
+                s, [&](size_t i) { return s[3][i] > 0; },
+                [&](const Planes& d) { return test.light_pdf(at, d); });
+            smallest = std::min(smallest, p);
+            EXPECT_GT(p, least_p) << c.name << " from " << at[0] << " " << at[1] << " " << at[2];
+        }
+    }
+    RecordProperty("smallest_p", std::to_string(smallest));
+}
+
+TEST(Light, BothWaysToTheDensityAgree) {
+    for (const LightCase& c : cases()) {
+        SelfTest test(c.scene);
+        for (const auto& at : points(c.reach, 4, 22)) {
+            const Planes s = test.sample_light(at, 6, 4096);
+            const std::vector<float> pdf = test.light_pdf(at, {s[0], s[1], s[2]});
+            size_t usable = 0, far = 0;
+            for (size_t i = 0; i < pdf.size(); ++i)
+                if (s[3][i] > 0) {
+                    ++usable;
+                    far += std::abs(pdf[i] / s[3][i] - 1) > 2e-3;
+                }
+            // A direction to a point on an edge may miss the light by a rounding.
+            EXPECT_LE(static_cast<double>(far), 2e-3 * static_cast<double>(usable) + 1) << c.name;
+        }
+    }
 }
 
 TEST(Light, SampleCarriesTheRadiance) {
