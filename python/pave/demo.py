@@ -163,7 +163,7 @@ class _Demo:
             frame = stage.acquire()
             begin = time.perf_counter()
             renderer.render(
-                metadata.view,
+                test.frame(index).view,
                 frame,
                 spp=self.setting.spp,
                 max_depth=cheap_depth(scene),
