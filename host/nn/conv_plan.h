@@ -16,7 +16,8 @@ enum class ConvPolicy : int { kRemember, kMeasure, kDirect, kGemm };
 /// Of the environment. Throws UsageError for an unknown word.
 ConvPolicy conv_policy();
 
-/// Microseconds that an implementation took for one convolution.
+/// Microseconds that an implementation took for one convolution (of all threads together on CPU
+/// devices).
 struct ConvTiming {
     double direct_us = 0.0, gemm_us = 0.0;
     ConvKind best() const { return gemm_us < direct_us ? ConvKind::kGemm : ConvKind::kDirect; }

@@ -19,6 +19,9 @@ Runtime::Runtime(const Device& device)
     const Defines defines{{"NN_LANES", lanes_}, {"NN_SERIAL", serial_ ? 1 : 0}};
     const cl::Program ops = build_program(device, "nn_ops.cl", defines);
     rows_ = make_kernel(ops, "nn_rows");
+    narrow_rows_ = make_kernel(
+        build_program(device, "nn_ops.cl", {{"NN_LANES", 1}, {"NN_SERIAL", serial_ ? 1 : 0}}),
+        "nn_rows");
     moments_ = make_kernel(ops, "nn_moments");
     normalise_ = make_kernel(ops, "nn_normalise");
     const cl::Program gemm = build_program(device, "nn_gemm.cl", defines);
@@ -58,7 +61,8 @@ void Runtime::rows(int op, const cl::Buffer& arena, const View& src, const View*
     s.slope = activation.slope;
     s.scale = scale;
     s.width = dst.width;
-    launch(device_, rows_,
+    // A vector for three channels of an image would be mostly the taking apart of it.
+    launch(device_, s.channels < lanes_ ? narrow_rows_ : rows_,
            cl::NDRange(static_cast<size_t>(ceil_div(s.channels, s.channels_per_item)),
                        static_cast<size_t>(ceil_div(s.pixels, s.pixels_per_item)), 1),
            local(), s, parameters != nullptr ? *parameters : nothing_, arena);

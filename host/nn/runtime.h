@@ -56,7 +56,8 @@ class Runtime {
     int lanes_;
     bool serial_;
     cl::Program conv_program_;
-    cl::Kernel rows_, moments_, normalise_, columns_, scatter_, encode_, decode_;
+    cl::Kernel rows_, narrow_rows_;  // the latter takes channel by channel
+    cl::Kernel moments_, normalise_, columns_, scatter_, encode_, decode_;
     std::map<int, cl::Kernel> direct_;  // by block
     std::map<Scratch, std::pair<size_t, cl::Buffer>> scratch_;
     cl::Buffer nothing_;  // stands in for arguments that are not read
