@@ -87,6 +87,7 @@ static inline void stage_record(Stage* stage, const PathRecord* r) {
 /// `sample` its number of all.
 static inline void add_path(float* sums, const Stage* stage, uint i, int is_first, uint sample) {
 #if HAS_VARIANCE
+#pragma unroll
     for (int c = 0; c < 3; ++c) {
         const float x = stage->values[SUM_COLOR + c][i];
         if (is_first) sums[SUM_SHIFT + c] = x;
@@ -95,6 +96,7 @@ static inline void add_path(float* sums, const Stage* stage, uint i, int is_firs
         sums[SUM_SQUARES + c] += d * d;
     }
 #endif
+#pragma unroll
     for (int k = 0; k < STAGED; ++k) sums[k] += stage->values[k][i];
 #if HAS_OBJECT
     if (sample == 0) sums[SUM_OBJECT] = (float)stage->object[i];

@@ -157,8 +157,8 @@ kernel::PathParams make_params(const SceneData& data, const Scene& scene, const 
     p.disk_shadow = data.broadcast ? data.disk_shadow : 0;
     p.cube_count = data.broadcast ? static_cast<int>(data.cubes.size()) : 0;
     p.sphere_count = data.broadcast ? static_cast<int>(data.spheres.size()) : 0;
-    p.surface_count = static_cast<int>(data.surfaces.size() / SURFACE_ROWS);
-    p.light_count = static_cast<int>(data.lights.size() / LIGHT_ROWS);
+    p.surface_count = data.surface_count;
+    p.light_count = data.light_count;
     const auto copies = static_cast<uint32_t>(data.repeat_shapes ? lanes : 1);
     p.flat_row = 0;
     p.cube_row = rows_of(data.flats) * copies;
@@ -172,7 +172,6 @@ kernel::PathParams make_params(const SceneData& data, const Scene& scene, const 
     return p;
 }
 
-// Each ends with a few empty rows: idle lanes and empty scenes read row 0 of every table.
 std::vector<Row> pack_shapes(const SceneData& data, int lanes) {
     std::vector<Row> rows;
     append(rows, data.flats);
@@ -199,7 +198,6 @@ std::vector<Row> pack_tables(const SceneData& data) {
     append(rows, data.normals);
     append(rows, data.bsdfs);
     append(rows, data.lights);
-    rows.resize(rows.size() + LIGHT_ROWS);
     return rows;
 }
 

@@ -1,5 +1,6 @@
 // Puts a scene's parts together for the device: materials, bounds, and the features its programs
-// need. SPDX-License-Identifier: BSD-3-Clause
+// need.
+// SPDX-License-Identifier: BSD-3-Clause
 #include "host/render/scene_data.h"
 
 #include <algorithm>
@@ -155,6 +156,14 @@ SceneData build_scene_data(const Scene& scene, const RendererPaths& paths) {
     data.repeat_shapes = data.broadcast && paths.specialise;
     add_tree(data);
     add_features(scene, data, paths);
+    data.surface_count = static_cast<int>(data.surfaces.size() / SURFACE_ROWS);
+    data.light_count = static_cast<int>(data.lights.size() / LIGHT_ROWS);
+    // Lanes without a hit read entry 0 of every table.
+    if (data.surfaces.empty()) data.surfaces.resize(SURFACE_ROWS);
+    if (data.triangles.empty()) data.triangles.resize(TRIANGLE_ROWS);
+    if (data.normals.empty()) data.normals.resize(NORMALS_ROWS);
+    if (data.bsdfs.empty()) data.bsdfs.resize(BSDF_ROWS);
+    if (data.lights.empty()) data.lights.resize(LIGHT_ROWS);
     return data;
 }
 

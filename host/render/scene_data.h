@@ -37,6 +37,7 @@ struct SceneData {
 
     std::vector<Row> surfaces, triangles, normals, bsdfs, lights;
     std::vector<std::array<std::array<float, 3>, 3>> corners;  // of the triangles, for the tree
+    int surface_count = 0, light_count = 0;  // tables have one empty entry where the scene has none
     std::vector<uint32_t> light_cdf;
     float environment_pmf = 0;
 

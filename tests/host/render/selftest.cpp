@@ -121,6 +121,44 @@ double chi2_tail(double statistic, double freedom) {
     return gamma_tail(freedom / 2, statistic / 2);
 }
 
+/// Sums of the density over `fine` x `fine` points of each of `some` cells, and which of these
+/// cells are uneven: an edge or a steep flank of the density lies in them.
+std::vector<double> DirectionTest::sums_over(
+    const std::vector<size_t>& some, size_t fine,
+    const std::function<std::vector<float>(const Planes&)>& density,
+    std::vector<bool>* uneven) const {
+    const size_t points_a_cell = fine * fine;
+    Planes points = make_planes(3, some.size() * points_a_cell);
+    const auto steps = static_cast<double>(fine);
+    size_t i = 0;
+    for (size_t cell : some)
+        for (size_t a = 0; a < fine; ++a)
+            for (size_t b = 0; b < fine; ++b, ++i) {
+                const double row =
+                    static_cast<double>(cell / columns) + (static_cast<double>(a) + 0.5) / steps;
+                const double column =
+                    static_cast<double>(cell % columns) + (static_cast<double>(b) + 0.5) / steps;
+                const double z = 2 * row / static_cast<double>(rows) - 1;
+                const double phi = 2 * M_PI * column / static_cast<double>(columns);
+                const double r = std::sqrt(1 - z * z);
+                points[0][i] = static_cast<float>(r * std::cos(phi));
+                points[1][i] = static_cast<float>(r * std::sin(phi));
+                points[2][i] = static_cast<float>(z);
+            }
+    const std::vector<float> pdf = density(points);
+    std::vector<double> sums;
+    for (size_t k = 0; k < some.size(); ++k) {
+        const auto first = pdf.begin() + static_cast<std::ptrdiff_t>(k * points_a_cell);
+        const auto last = first + static_cast<std::ptrdiff_t>(points_a_cell);
+        sums.push_back(std::accumulate(first, last, 0.0));
+        if (uneven != nullptr) {
+            const auto [least, most] = std::minmax_element(first, last);
+            (*uneven)[some[k]] = *least < 0.7f * *most;
+        }
+    }
+    return sums;
+}
+
 double DirectionTest::p_value(
     const Planes& directions, const std::function<bool(size_t)>& valid,
     const std::function<std::vector<float>(const Planes&)>& density) const {
@@ -137,29 +175,20 @@ double DirectionTest::p_value(
         seen[std::min(static_cast<size_t>(std::max(row, 0.0)), rows - 1) * columns +
              std::min(static_cast<size_t>(column), columns - 1)] += 1;
     }
-    Planes points = make_planes(3, cells * fine * fine);
-    const auto steps = static_cast<double>(fine);
-    for (size_t cell = 0, i = 0; cell < cells; ++cell)
-        for (size_t a = 0; a < fine; ++a)
-            for (size_t b = 0; b < fine; ++b, ++i) {
-                const double z = 2 *
-                                     (static_cast<double>(cell / columns) +
-                                      (static_cast<double>(a) + 0.5) / steps) /
-                                     static_cast<double>(rows) -
-                                 1;
-                const double phi =
-                    2 * M_PI *
-                    (static_cast<double>(cell % columns) + (static_cast<double>(b) + 0.5) / steps) /
-                    static_cast<double>(columns);
-                const double r = std::sqrt(1 - z * z);
-                points[0][i] = static_cast<float>(r * std::cos(phi));
-                points[1][i] = static_cast<float>(r * std::sin(phi));
-                points[2][i] = static_cast<float>(z);
-            }
-    const std::vector<float> pdf = density(points);
-    const double weight =
-        static_cast<double>(count) * 4 * M_PI / static_cast<double>(cells * fine * fine);
-    for (size_t i = 0; i < pdf.size(); ++i) expected[i / (fine * fine)] += weight * pdf[i];
+    const double all = static_cast<double>(count) * 4 * M_PI / static_cast<double>(cells);
+    std::vector<size_t> every(cells), edges;
+    std::iota(every.begin(), every.end(), size_t{0});
+    std::vector<bool> uneven(cells);
+    const std::vector<double> coarse = sums_over(every, fine, density, &uneven);
+    for (size_t cell : every) {
+        expected[cell] = all * coarse[cell] / static_cast<double>(fine * fine);
+        // A cell may hold less of a light than its points are apart.
+        if (uneven[cell] || (expected[cell] == 0 && seen[cell] > 0)) edges.push_back(cell);
+    }
+    const size_t finer = 4 * fine;
+    const std::vector<double> exact = sums_over(edges, finer, density, nullptr);
+    for (size_t k = 0; k < edges.size(); ++k)
+        expected[edges[k]] = all * exact[k] / static_cast<double>(finer * finer);
     expected[cells] = std::max(
         0.0, static_cast<double>(count) - std::accumulate(expected.begin(), expected.end(), 0.0));
 
@@ -170,8 +199,6 @@ double DirectionTest::p_value(
     double statistic = 0, pooled_seen = 0, pooled_expected = 0;
     int used = 0;
     for (size_t cell : order) {
-        if (expected[cell] == 0 && seen[cell] > 0)
-            return 0.0;  // a sample where there should be none
         pooled_seen += seen[cell];
         pooled_expected += expected[cell];
         if (pooled_expected < 5) continue;

@@ -59,12 +59,18 @@ double chi2_tail(double statistic, double freedom);
 /// phi, cells below 5 pooled.
 struct DirectionTest {
     size_t rows = 16, columns = 32;  // cells
-    size_t fine = 32;                // points a cell side where the density is integrated
+    size_t fine = 32;                // points a cell side where the density is integrated; four
+                                     // times as many where it has an edge
 
     /// p-value; `valid(i)` says whether sample i is a direction at all, the rest must be what the
     /// density lacks to 1.
     double p_value(const Planes& directions, const std::function<bool(size_t)>& valid,
                    const std::function<std::vector<float>(const Planes&)>& density) const;
+
+   private:
+    std::vector<double> sums_over(const std::vector<size_t>& some, size_t fine,
+                                  const std::function<std::vector<float>(const Planes&)>& density,
+                                  std::vector<bool>* uneven) const;
 };
 
 /// Least p-value of `tests` tests that together raise a false alarm once in a hundred runs (Sidak).

@@ -16,8 +16,9 @@ namespace pave::test {
 
 /// The device of PAVE_DEVICE or the first one; made once.
 inline const Device& device() {
-    static const Device instance = Device::select();
-    return instance;
+    // Never destroyed: some drivers are gone when static objects are.
+    static const Device* instance = new Device(Device::select());
+    return *instance;
 }
 
 // ---- Matrices: world_from_object, composed right to left ----

@@ -1,5 +1,6 @@
 // Materials: samples follow their density, no energy is made, both directions agree, glass obeys
-// Snell and Fresnel. SPDX-License-Identifier: BSD-3-Clause
+// Snell and Fresnel.
+// SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
 #include <random>
 

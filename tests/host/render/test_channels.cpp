@@ -132,7 +132,7 @@ TEST(Channels, DirectIsTheImageOfTwoEdges) {
     for (const Scene& scene : {cornell(), menagerie()}) {
         const Frame full = render(scene, 32, 32, {"color", "direct"}, {.spp = 64});
         const Frame two = render(scene, 32, 32, {"color", "direct"}, {.spp = 64, .max_depth = 2});
-        // The same samples; sums of longer paths may round in another order.
+        // The same samples, added as their paths end: longer paths change the order of additions.
         for (size_t i = 0; i < 3 * 1024; ++i)
             ASSERT_NEAR(full.channel("direct")[i], two.channel("direct")[i],
                         1e-6 * (1 + two.channel("direct")[i]))

@@ -1,5 +1,6 @@
 // Light transport against closed forms: furnaces, form factors, glass and mirrors that must vanish
-// in them. SPDX-License-Identifier: BSD-3-Clause
+// in them.
+// SPDX-License-Identifier: BSD-3-Clause
 #include <random>
 
 #include "host/render/double3.h"

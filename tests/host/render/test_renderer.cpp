@@ -1,5 +1,6 @@
 // The renderer as its callers see it: checks, metadata, frames of other memory, progress,
-// cancellation, odd scenes. SPDX-License-Identifier: BSD-3-Clause
+// cancellation, odd scenes.
+// SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
 #include <limits>
 

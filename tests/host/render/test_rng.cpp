@@ -1,5 +1,6 @@
 // Random numbers: published vectors, host and device bit for bit, uniform and independent words;
-// shared struct sizes. SPDX-License-Identifier: BSD-3-Clause
+// shared struct sizes.
+// SPDX-License-Identifier: BSD-3-Clause
 #include <random>
 
 #include "selftest.h"

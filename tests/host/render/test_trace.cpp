@@ -1,5 +1,6 @@
 // Intersections: the tree against brute force in double, closed meshes without a gap, no ray hits
-// what it starts on. SPDX-License-Identifier: BSD-3-Clause
+// what it starts on.
+// SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
 #include <bit>
 #include <random>
