@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include <chrono>
+#include <condition_variable>
 #include <mutex>
 #include <vector>
 
@@ -17,17 +18,30 @@ namespace {
 /// reader for ever.
 class AdiosLock {
    public:
-    AdiosLock() : lock_(mutex(), std::chrono::seconds(30)) {
-        if (!lock_.owns_lock())
+    AdiosLock() {
+        std::unique_lock lock(gate().mutex);
+        if (!gate().freed.wait_for(lock, std::chrono::seconds(30), [] { return !gate().is_taken; }))
             throw RunError("ADIOS2 is busy for 30 s: another data set of this process is stuck");
+        gate().is_taken = true;
     }
+    ~AdiosLock() {
+        const std::lock_guard lock(gate().mutex);
+        gate().is_taken = false;
+        gate().freed.notify_one();
+    }
+    AdiosLock(const AdiosLock&) = delete;
+    AdiosLock& operator=(const AdiosLock&) = delete;
 
    private:
-    static std::timed_mutex& mutex() {
-        static std::timed_mutex one;
+    struct Gate {
+        std::mutex mutex;
+        std::condition_variable freed;
+        bool is_taken = false;
+    };
+    static Gate& gate() {
+        static Gate& one = *new Gate;  // never destroyed: data sets may outlive main
         return one;
     }
-    std::unique_lock<std::timed_mutex> lock_;
 };
 
 /// What ADIOS2 threw, as one plain line: it comes with a time, colours, its own stack and a second
@@ -173,8 +187,12 @@ BpWriter::~BpWriter() {
         failed.push_back(std::move(impl_));
         return;
     }
-    const AdiosLock lock;
-    impl_.reset();
+    try {
+        const AdiosLock lock;
+        impl_.reset();
+    } catch (const RunError&) {
+        (void)impl_.release();  // ADIOS2 is stuck: better a leak than to wait for ever
+    }
 }
 void BpWriter::put(const Frame& frame) {
     with_adios([&] { impl_->put(frame); });
@@ -218,8 +236,12 @@ BpReader::BpReader(const fs::path& path, const FrameSchema& schema, size_t frame
     with_adios([&] { impl_ = std::make_unique<Impl>(path, schema, frames); });
 }
 BpReader::~BpReader() {
-    const AdiosLock lock;
-    impl_.reset();
+    try {
+        const AdiosLock lock;
+        impl_.reset();
+    } catch (const RunError&) {
+        (void)impl_.release();  // as above
+    }
 }
 void BpReader::get(size_t step, Frame& frame) {
     with_adios([&] { impl_->get(step, frame); });
