@@ -1,5 +1,5 @@
-// Direct convolution and transposed convolution of any kernel, stride and padding: a register tile
-// of pixels x channels. SPDX-License-Identifier: BSD-3-Clause
+// Direct (transposed) convolution of any kernel, stride and padding by register tiles.
+// SPDX-License-Identifier: BSD-3-Clause
 #include "nn.h"
 
 #ifndef NN_BLOCK /* vectors of output channels in a tile, 1..4; 2 fills the registers of AVX2, 4 \

@@ -1,5 +1,5 @@
-// From a frame's channels to the network's input and from its result to a channel, with the
-// radiance transfer. SPDX-License-Identifier: BSD-3-Clause
+// From a frame's channels to the network's input and from its result to a channel.
+// SPDX-License-Identifier: BSD-3-Clause
 #include "nn.h"
 
 /* The transfer "srgb_log": sRGB's opto-electronic curve (IEC 61966-2-1) up to 1, above it 1 + s

@@ -1,5 +1,5 @@
-// Both sides of a convolution by matrix product: pixels to columns before it, bias, activation and
-// placing after it. SPDX-License-Identifier: BSD-3-Clause
+// Both sides of a convolution by matrix product: columns before it, placing after it.
+// SPDX-License-Identifier: BSD-3-Clause
 #include "nn.h"
 
 /* columns[pixel][tap][channel] = the input under that tap, 0 outside of the image.

@@ -1,5 +1,5 @@
-// Parameter blocks of the network's kernels, read by both compilers: 32-bit fields only, so that
-// the layouts agree. SPDX-License-Identifier: BSD-3-Clause
+// Parameter blocks of the network's kernels, read by both compilers: 32-bit fields only.
+// SPDX-License-Identifier: BSD-3-Clause
 #ifndef PAVE_NN_TYPES_H
 #define PAVE_NN_TYPES_H
 

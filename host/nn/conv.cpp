@@ -68,6 +68,10 @@ const PackedWeights& WeightStore::matrix(const Node& node, const Geometry& geome
     return packed_.emplace(key, std::move(packed)).first->second;
 }
 
+void WeightStore::forget(const Node& node) {
+    std::erase_if(packed_, [&](const auto& item) { return item.first.first == &node; });
+}
+
 bool supports(ConvKind kind, const Runtime& runtime, const ConvSite& site) {
     constexpr size_t kLargestIndex = static_cast<size_t>(std::numeric_limits<int>::max());
     const Node& node = *site.node;

@@ -1,5 +1,5 @@
-// One convolution of a program, bound to its place in the arena, in the implementations that there
-// are. SPDX-License-Identifier: BSD-3-Clause
+// One convolution of a program, bound to its place in the arena, in several implementations.
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <map>
@@ -38,6 +38,8 @@ class WeightStore {
     const PackedWeights& tiled(const Node& node, const Geometry& geometry, int tile_channels);
     /// [phase][tap][in][out].
     const PackedWeights& matrix(const Node& node, const Geometry& geometry);
+    /// Drops what was packed for `node`; convolutions that are bound keep theirs.
+    void forget(const Node& node);
 
    private:
     Device device_;

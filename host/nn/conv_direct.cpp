@@ -1,5 +1,5 @@
-// Convolution by register tiles: chooses the tile and the work an item gets, then launches
-// nn_conv_direct. SPDX-License-Identifier: BSD-3-Clause
+// Convolution by register tiles: chooses the tile and each work-item's share.
+// SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
 
 #include "host/nn/conv.h"

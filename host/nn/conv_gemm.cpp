@@ -1,5 +1,5 @@
-// Convolution by matrix product: pixels to columns, CLBlast's SGEMM, then bias and activation on
-// the way to their place. SPDX-License-Identifier: BSD-3-Clause
+// Convolution by matrix product: pixels to columns, CLBlast's SGEMM, bias and activation.
+// SPDX-License-Identifier: BSD-3-Clause
 #include <clblast.h>
 
 #include <algorithm>

@@ -99,6 +99,7 @@ ConvKind ConvPlan::choose(const ConvSite& site, const cl::Buffer& arena) {
     const std::string shape = shape_text(site);
     auto found = timings_.find(shape);
     if (found == timings_.end()) {
+        if (policy_ == ConvPolicy::kRemember && runtime_.serial()) return ConvKind::kDirect;
         found = timings_.emplace(shape, measure(site, arena)).first;
         changed_ = true;
     }
@@ -120,7 +121,9 @@ ConvTiming ConvPlan::measure(const ConvSite& site, const cl::Buffer& arena) {
         }
         return best_us;
     };
-    return {time_us(ConvKind::kDirect), time_us(ConvKind::kGemm)};
+    const ConvTiming timing{time_us(ConvKind::kDirect), time_us(ConvKind::kGemm)};
+    store_.forget(*site.node);  // only one of the two packings is needed from here on
+    return timing;
 }
 
 void ConvPlan::save() {

@@ -1,5 +1,5 @@
-// Batch normalisation folded into the convolution before it, and weights in the order that the
-// kernels want. SPDX-License-Identifier: BSD-3-Clause
+// Batch normalisation folded into the convolution before it; weights in the kernels' order.
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include "host/nn/graph.h"

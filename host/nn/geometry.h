@@ -1,5 +1,5 @@
-// Convolution and transposed convolution as one thing: phases of output pixels that read the same
-// taps. SPDX-License-Identifier: BSD-3-Clause
+// Convolution and transposed convolution as one: phases of pixels that read the same taps.
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <vector>

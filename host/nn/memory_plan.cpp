@@ -1,5 +1,5 @@
-// Greedy placement of tensors by size, as in Pisarchyk and Lee 2020 (arXiv 2001.03288, "greedy by
-// size"). SPDX-License-Identifier: BSD-3-Clause
+// Greedy placement by size, as in Pisarchyk and Lee 2020 (arXiv 2001.03288).
+// SPDX-License-Identifier: BSD-3-Clause
 #include "host/nn/memory_plan.h"
 
 #include <algorithm>

@@ -1,5 +1,5 @@
-// A checked network on one device: plans for an image size, then runs from the input's memory to
-// the result's. SPDX-License-Identifier: BSD-3-Clause
+// A checked network on one device: plans for an image size, then runs.
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <functional>

@@ -1,5 +1,5 @@
-// Lowering: fused activations, concats that nobody copies, steps that work in place; then the
-// layout in memory. SPDX-License-Identifier: BSD-3-Clause
+// Lowering: fused activations, joins that nobody copies, steps in place; then the layout.
+// SPDX-License-Identifier: BSD-3-Clause
 #include "host/nn/program.h"
 
 #include <algorithm>

@@ -61,8 +61,10 @@ void Runtime::rows(int op, const cl::Buffer& arena, const View& src, const View*
     s.slope = activation.slope;
     s.scale = scale;
     s.width = dst.width;
-    // A vector for three channels of an image would be mostly the taking apart of it.
-    launch(device_, s.channels < lanes_ ? narrow_rows_ : rows_,
+    // A vector for three channels of an image would be mostly the taking apart of it. But exp and
+    // tanh of vectors round as those of the convolutions do, which may have them fused.
+    const bool rounds_alike = activation.kind != NN_ACT_SIGMOID && activation.kind != NN_ACT_TANH;
+    launch(device_, s.channels < lanes_ && rounds_alike ? narrow_rows_ : rows_,
            cl::NDRange(static_cast<size_t>(ceil_div(s.channels, s.channels_per_item)),
                        static_cast<size_t>(ceil_div(s.pixels, s.pixels_per_item)), 1),
            local(), s, parameters != nullptr ? *parameters : nothing_, arena);

@@ -55,7 +55,6 @@ class Runtime {
     Device device_;
     int lanes_;
     bool serial_;
-    cl::Program conv_program_;
     cl::Kernel rows_, narrow_rows_;  // the latter takes channel by channel
     cl::Kernel moments_, normalise_, columns_, scatter_, encode_, decode_;
     std::map<int, cl::Kernel> direct_;  // by block

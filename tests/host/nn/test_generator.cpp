@@ -1,5 +1,5 @@
-// Drawing of frames: encodings, padding, memory of the device and of others, against arithmetic in
-// double precision. SPDX-License-Identifier: BSD-3-Clause
+// Drawing of frames: encodings, padding, memory, against arithmetic in double precision.
+// SPDX-License-Identifier: BSD-3-Clause
 #include <gtest/gtest.h>
 
 #include <cmath>

@@ -1,5 +1,5 @@
-// The memory planner on random lifetimes, and programs executed symbolically: who wrote each float
-// that a step reads? SPDX-License-Identifier: BSD-3-Clause
+// The memory planner on random lifetimes, and programs executed symbolically.
+// SPDX-License-Identifier: BSD-3-Clause
 #include <gtest/gtest.h>
 
 #include <random>
