@@ -1,6 +1,8 @@
 // Materials in the local frame of the shading normal (+z): diffuse, smooth and rough conductor,
-// smooth dielectric. SPDX-License-Identifier: BSD-3-Clause wi points back along the path, wo
-// onwards. Definitions are Mitsuba 3's, in its radiance transport mode.
+// smooth dielectric.
+// SPDX-License-Identifier: BSD-3-Clause
+// wi points back along the path, wo onwards. Definitions are Mitsuba 3's, in its radiance
+// transport mode.
 #pragma once
 #include "sampling.h"
 #include "vertex.h"

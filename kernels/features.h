@@ -1,5 +1,6 @@
-// What a program is specialised for. Everything is on by default: such a program renders any scene,
-// only slower. SPDX-License-Identifier: BSD-3-Clause
+// What a program is specialised for. Everything is on by default: such a program renders any
+// scene, only slower.
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 #include "lanes.h"
 

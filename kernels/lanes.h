@@ -1,5 +1,6 @@
 // One source for every device: PAVE_LANES samples in flight per work-item, plain scalars when it
-// is 1. SPDX-License-Identifier: BSD-3-Clause
+// is 1.
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #ifndef PAVE_LANES /* 1, 4, 8 or 16; 1 is for devices that vectorise over work-items (GPUs) */

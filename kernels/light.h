@@ -1,5 +1,6 @@
-// Lights: one is chosen by its share of the power, then a point on it; densities are by solid angle
-// and include the choice. SPDX-License-Identifier: BSD-3-Clause
+// Lights: one is chosen by its share of the power, then a point on it; densities are by solid
+// angle and include the choice.
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 #include "rng.h"
 #include "sampling.h"

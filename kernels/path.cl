@@ -1,8 +1,9 @@
 // The path tracer: every channel of a row of pixels in one pass, by paths with next-event
-// estimation. SPDX-License-Identifier: BSD-3-Clause Radiance is defined as Mitsuba 3's `path`
-// integrator defines it. A work-item renders `segment` pixels of one row; its lanes take (pixel,
-// sample) pairs from one queue, and a lane whose path ends takes the next pair, so that lanes are
-// rarely idle.
+// estimation.
+// SPDX-License-Identifier: BSD-3-Clause
+// Radiance is defined as Mitsuba 3's `path` integrator defines it. A work-item renders `segment`
+// pixels of one row; its lanes take (pixel, sample) pairs from one queue, and a lane whose path
+// ends takes the next pair, so that lanes are rarely idle.
 #include "bsdf.h"
 #include "film.h"
 #include "light.h"

@@ -1,5 +1,6 @@
 // Structs, table layouts and packed words that the host writes and the path tracing kernels read:
-// one source for both. SPDX-License-Identifier: BSD-3-Clause
+// one source for both.
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #ifdef __OPENCL_VERSION__
@@ -18,8 +19,7 @@
 namespace pave::kernel {
 #endif
 
-// ---- Channels: bit i of PAVE_CHANNELS says that a program writes channel i
-// --------------------------------------------
+// ---- Channels: bit i of PAVE_CHANNELS says that a program writes channel i ----
 
 #define CHANNEL_COLOR 0
 #define CHANNEL_ALBEDO 1
@@ -32,8 +32,7 @@ namespace pave::kernel {
 #define CHANNEL_OBJECT 8
 #define CHANNEL_COUNT 9
 
-// ---- Shapes: intersected in broadcast loops, or as leaves of the tree
-// --------------------------------------------------
+// ---- Shapes: intersected in broadcast loops, or as leaves of the tree ----
 //
 // For the loops every number is stored once a lane, so that a broadcast costs no instruction: a
 // kernel's ShapeFloat is then a vector and its structs are PAVE_LANES times as large. For the tree,
@@ -74,20 +73,29 @@ PAVE_STRUCT(SphereShape) {
 };
 PAVE_SIZEOF(SphereShape, 32);
 
-// ---- Tables: rows of 8 floats in one buffer, gathered per lane
-// ----------------------------------------------------------
+// ---- Tables: rows of 8 floats in one buffer, gathered per lane ----
 //
-// surface, 2 rows: { normal xyz (sphere: center), BITS, albedo rgb, plane offset (sphere: radius) }
-//                  { tangent xyz (disk: center), light (int), object (int), -, -, - }
-// triangle, 2 rows: { v0 xyz, BITS, v1 xyz, light (int) } { v2 xyz, object (int), normals (int, -1:
-// flat), -, -, - } normals, 2 rows: { n0 xyz, -, n1 xyz, - } { n2 xyz, - ... } bsdf, 3 rows: {
-// albedo rgb, BITS, alpha_u, alpha_v, eta (inside over outside), - } { eta rgb, -, k rgb, - }
-//               { reflectance rgb, -, transmittance rgb, - }
-// light, 3 rows: { p xyz, KIND (int), e1 xyz, pmf } { e2 xyz, radius, normal xyz, pdf by area (with
-// pmf) }
-//                { radiance or intensity rgb, normals (int, -1: flat), -, -, -, - }
+// clang-format off
+// surface, 2 rows:
+//   { normal xyz (sphere: center), BITS, albedo rgb, plane offset (sphere: radius) }
+//   { tangent xyz (disk: center), light (int), object (int), -, -, - }
+// triangle, 2 rows:
+//   { v0 xyz, BITS, v1 xyz, light (int) }
+//   { v2 xyz, object (int), normals (int, -1: flat), -, -, - }
+// normals, 2 rows:
+//   { n0 xyz, -, n1 xyz, - }
+//   { n2 xyz, -, -, -, -, - }
+// bsdf, 3 rows:
+//   { albedo rgb, -, alpha_u, alpha_v, eta (inside over outside), - }
+//   { eta rgb, -, k rgb, - }
+//   { reflectance rgb, -, transmittance rgb, - }
+// light, 3 rows:
+//   { p xyz, KIND (int), e1 xyz, pmf }
+//   { e2 xyz, radius, normal xyz, pdf by area (with pmf) }
+//   { radiance or intensity rgb, normals (int, -1: flat), -, -, -, - }
 //   quad: p + a*e1 + b*e2, a and b in [0,1]; triangle: p + b1*e1 + b2*e2; disk: p + x*e1 + y*e2;
 //   sphere: center p, radius, +1 or -1 in normal.x for light on its outside or inside; point: p.
+// clang-format on
 #define SURFACE_ROWS 2
 #define TRIANGLE_ROWS 2
 #define NORMALS_ROWS 2
@@ -121,13 +129,13 @@ PAVE_SIZEOF(SphereShape, 32);
 #define LIGHT_ENVIRONMENT 4
 #define LIGHT_POINT 5
 
-// ---- Tree: 8-wide nodes and leaves of up to 8 triangles, rows of 8 floats in one buffer
-// ---------------------------------
+// ---- Tree: 8-wide nodes and leaves of up to 8 triangles, rows of 8 floats in one buffer ----
 //
-// node, 8 rows: low x, high x, low y, high y, low z, high z, children (int), -. Row i of lane c
-// belongs to child c; an empty child has low = +inf, high = -inf. A child code >= 0 is a node; else
-// ~code = index << 2 | LEAF_*. leaf of triangles, 10 rows: v0 x, y, z, v1 x, y, z, v2 x, y, z,
-// triangle (int). Spare lanes are NaN.
+// node, 8 rows: low x, high x, low y, high y, low z, high z, children (int), -.
+//   Row i of lane c belongs to child c; an empty child has low = +inf, high = -inf.
+//   A child code >= 0 is a node; else ~code = index << 2 | LEAF_*.
+// leaf of triangles, 10 rows: v0 x, y, z, v1 x, y, z, v2 x, y, z, triangle (int).
+//   Spare lanes are NaN.
 #define NODE_ROWS 8
 #define LEAF_ROWS 10
 #define TREE_WIDTH 8
@@ -137,8 +145,7 @@ PAVE_SIZEOF(SphereShape, 32);
 #define LEAF_SPHERE 3
 #define leaf_code(index, kind) (~((int)(index) << 2 | (kind)))
 
-// ---- What one render is told
-// --------------------------------------------------------------------------------------------
+// ---- What one render is told ----
 
 PAVE_STRUCT(PathParams) {
     PAVE_U64 channel_offset[CHANNEL_COUNT];  // floats from the slot's first byte to plane 0

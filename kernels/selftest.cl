@@ -1,6 +1,8 @@
 // Kernels that show single parts of the path tracer to the tests: the very functions that path.cl
-// calls. SPDX-License-Identifier: BSD-3-Clause Arrays are planar: value k of item i is array[k *
-// count + i]; count is a multiple of 16, a work-item takes PAVE_LANES items.
+// calls.
+// SPDX-License-Identifier: BSD-3-Clause
+// Arrays are planar: value k of item i is array[k * count + i]; count is a multiple of 16, a work-
+// item takes PAVE_LANES items.
 #include "bsdf.h"
 #include "light.h"
 #include "rng.h"

@@ -1,5 +1,6 @@
 // From a hit to a path vertex: position on the surface, normals, material word, and where new rays
-// start. SPDX-License-Identifier: BSD-3-Clause
+// start.
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 #include "tree.h"
 

@@ -1,5 +1,6 @@
-// What the files of the Python module share: one function a room of the library, and the array that
-// views a slot. SPDX-License-Identifier: BSD-3-Clause
+// What the files of the Python module share: one function a room of the library, and the array
+// that views a slot.
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <nanobind/nanobind.h>

@@ -1,5 +1,6 @@
 // Devices for Python, and their OpenCL objects as the raw handles that another OpenCL binding
-// takes. SPDX-License-Identifier: BSD-3-Clause
+// takes.
+// SPDX-License-Identifier: BSD-3-Clause
 #include "pave/device.h"
 
 #include <nanobind/stl/string.h>

@@ -1,5 +1,6 @@
 // The Python module _pave: nothing but the library's types and verbs; the package around it gives
-// them their shape. SPDX-License-Identifier: BSD-3-Clause
+// them their shape.
+// SPDX-License-Identifier: BSD-3-Clause
 #include <nanobind/stl/string.h>
 
 #include <atomic>

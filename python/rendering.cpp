@@ -1,5 +1,6 @@
 // Scenes, the renderer and the generator for Python. Rendering lets go of the interpreter lock and
-// takes it back between launches, for progress and signals. SPDX-License-Identifier: BSD-3-Clause
+// takes it back between launches, for progress and signals.
+// SPDX-License-Identifier: BSD-3-Clause
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/map.h>
 #include <nanobind/stl/pair.h>

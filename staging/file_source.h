@@ -1,5 +1,6 @@
 // Reading a data set folder: manifest first, bytes verified before a library sees them, pixels
-// verified after. SPDX-License-Identifier: BSD-3-Clause
+// verified after.
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <string>

@@ -1,5 +1,6 @@
 // Files that are whole or absent: descriptors, durable writes, renames, locks and hashes, with
-// errors that name the path. SPDX-License-Identifier: BSD-3-Clause
+// errors that name the path.
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <cstdint>

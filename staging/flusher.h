@@ -1,5 +1,6 @@
 // The background thread between a ring and its sink: checksums first, then the sink, errors kept
-// for the next caller. SPDX-License-Identifier: BSD-3-Clause
+// for the next caller.
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <chrono>

@@ -1,5 +1,6 @@
 // The manifest of a data set folder: one checksummed JSON line for the header, each block of
-// frames, and the closing record. SPDX-License-Identifier: BSD-3-Clause
+// frames, and the closing record.
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <string>

@@ -1,5 +1,6 @@
 // What is stored of a frame beside its pixels: metadata and the checksums made at production, as
-// canonical JSON. SPDX-License-Identifier: BSD-3-Clause
+// canonical JSON.
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <nlohmann/json.hpp>

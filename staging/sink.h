@@ -1,5 +1,6 @@
-// The interface between a stage and a place that frames go to. The stage's background thread is its
-// only caller, unless said. SPDX-License-Identifier: BSD-3-Clause
+// The interface between a stage and a place that frames go to. The stage's background thread is
+// its only caller, unless said.
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <cstdint>

@@ -1,5 +1,6 @@
-// The stage: acquire and publish on the producer's side, policies, and the errors of the background
-// thread. SPDX-License-Identifier: BSD-3-Clause
+// The stage: acquire and publish on the producer's side, policies, and the errors of the
+// background thread.
+// SPDX-License-Identifier: BSD-3-Clause
 #include "pave/stage.h"
 
 #include <atomic>

@@ -98,7 +98,7 @@ def tool(*command: str) -> bool:
 
 def main() -> int:
     paths = files()
-    cpp = [p for p in paths if p.suffix in (".cpp", ".c", ".h") and "kernels" not in p.parts]
+    cpp = [p for p in paths if p.suffix in (".cpp", ".c", ".h", ".cl")]
     checks = {
         "rules": own_rules(paths),
         "clang-format": clang_format(cpp),

@@ -1,5 +1,6 @@
 // Pinned arenas and their slots as OpenCL buffers, on devices that share the host's memory and on
-// those that do not. SPDX-License-Identifier: BSD-3-Clause
+// those that do not.
+// SPDX-License-Identifier: BSD-3-Clause
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>

@@ -1,5 +1,6 @@
 // PAVE's own kernel cache: what compilers made, kept under checksums between processes. See
-// docs/kernel-cache.md. SPDX-License-Identifier: BSD-3-Clause
+// docs/kernel-cache.md.
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <chrono>

@@ -1,5 +1,6 @@
 // The OpenCL side of a pave::Device for the rooms of host/: handles, programs, buffers, slots,
-// waits and typed errors. SPDX-License-Identifier: BSD-3-Clause
+// waits and typed errors.
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <CL/opencl.hpp>
@@ -17,8 +18,7 @@
 
 namespace pave {
 
-// ---- Errors
-// ----------------------------------------------------------------------------------------------------------
+// ---- Errors ----
 
 /// "CL_OUT_OF_RESOURCES(-5)"; "CL_ERROR(-9999)" for codes that no header names.
 std::string cl_code_name(cl_int code);
@@ -47,16 +47,14 @@ decltype(auto) cl_guard(std::string_view where, Call&& call) {
     }
 }
 
-// ---- Handles: borrowed references, valid while a copy of the Device lives. Any thread.
-// ---------------------------------
+// ---- Handles: borrowed references, valid while a copy of the Device lives. Any thread. ----
 
 const cl::Context& context_of(const Device& device);
 const cl::Device& device_of(const Device& device);
 /// In order, without profiling unless PAVE_PROFILE=1 was set when the device was selected.
 const cl::CommandQueue& queue_of(const Device& device);
 
-// ---- Programs
-// ----------------------------------------------------------------------------------------------------------
+// ---- Programs ----
 
 /// A number that a program is specialised with; reaches the compiler as -D NAME=NUMBER and as
 /// nothing else.
@@ -92,8 +90,7 @@ cl::Kernel make_kernel(const cl::Program& program, const std::string& name);
 /// with #line marks.
 std::string assemble_source(const std::string& file);
 
-// ---- Launches and waits
-// ------------------------------------------------------------------------------------------------
+// ---- Launches and waits ----
 
 /// Sets all arguments in order and enqueues; `local` = cl::NullRange lets the driver choose.
 /// Non-blocking.
@@ -113,8 +110,7 @@ void wait(const cl::Event& event, std::string_view what,
 void finish(const Device& device, std::string_view what,
             std::chrono::milliseconds limit = kWaitLimit);
 
-// ---- Buffers
-// -----------------------------------------------------------------------------------------------------------
+// ---- Buffers ----
 
 /// An uninitialised buffer; `what` names it in errors. 0 bytes give a buffer of 16 (OpenCL knows no
 /// empty buffers). Throws ClError with both sizes when it is above the device's largest allocation.
@@ -146,8 +142,7 @@ void write_buffer(const Device& device, const cl::Buffer& buffer, const Containe
     write_buffer_bytes(device, buffer, std::as_bytes(std::span(from)), what);
 }
 
-// ---- Slots
-// -------------------------------------------------------------------------------------------------------------
+// ---- Slots ----
 
 /// Device::slot_buffer as a retained cl::Buffer; a null one (buffer() == nullptr) for a frame of
 /// another device's memory. A channel lies at schema().channel_byte_offset(i) in it. Kernels write
@@ -162,8 +157,7 @@ void slot_to_device(const Device& device, const Frame& frame);
 /// read into the slot's pinned memory.
 cl::Event slot_to_host(const Device& device, const Frame& frame);
 
-// ---- Inline
-// ------------------------------------------------------------------------------------------------------------
+// ---- Inline ----
 
 template <class... Args>
 cl::Event launch(const Device& device, cl::Kernel& kernel, const cl::NDRange& global,

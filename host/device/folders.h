@@ -1,5 +1,6 @@
-// The folders of the kernel cache: who may own them, and the one that lives as long as the process;
-// private to host/device. SPDX-License-Identifier: BSD-3-Clause
+// The folders of the kernel cache: who may own them, and the one that lives as long as the
+// process; private to host/device.
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <sys/types.h>

@@ -1,5 +1,6 @@
-// Binned SAH to a binary tree (Wald 2007), collapsed to eight children by opening the largest child
-// first. SPDX-License-Identifier: BSD-3-Clause
+// Binned SAH to a binary tree (Wald 2007), collapsed to eight children by opening the largest
+// child first.
+// SPDX-License-Identifier: BSD-3-Clause
 #include "host/render/bvh_build.h"
 
 #include <algorithm>

@@ -1,5 +1,6 @@
 // Builds an 8-wide bounding volume hierarchy over any primitives by binned SAH; knows only their
-// boxes. SPDX-License-Identifier: BSD-3-Clause
+// boxes.
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <array>

@@ -1,5 +1,6 @@
-// Rectangles, disks, cubes and spheres: from object transforms to what the kernels intersect, shade
-// and sample. SPDX-License-Identifier: BSD-3-Clause
+// Rectangles, disks, cubes and spheres: from object transforms to what the kernels intersect,
+// shade and sample.
+// SPDX-License-Identifier: BSD-3-Clause
 #include <bit>
 #include <cmath>
 #include <numbers>

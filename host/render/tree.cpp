@@ -1,5 +1,6 @@
 // The tree in the kernels' layout: nodes of eight boxes, leaves of up to eight triangles, shapes
-// one by one. SPDX-License-Identifier: BSD-3-Clause
+// one by one.
+// SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
 #include <bit>
 #include <limits>

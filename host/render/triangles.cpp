@@ -1,5 +1,6 @@
 // Triangles of all meshes: corners, shading data, emitting triangles; the degenerate ones are
-// dropped. SPDX-License-Identifier: BSD-3-Clause
+// dropped.
+// SPDX-License-Identifier: BSD-3-Clause
 #include <cmath>
 #include <numbers>
 #include <optional>

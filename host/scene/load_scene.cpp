@@ -1,5 +1,6 @@
 // load_scene(): the scene file from its outermost element down, in the order that references and
-// parameters need. SPDX-License-Identifier: BSD-3-Clause
+// parameters need.
+// SPDX-License-Identifier: BSD-3-Clause
 #include "host/scene/bsdf.h"
 #include "host/scene/colour.h"
 #include "host/scene/find_scene.h"

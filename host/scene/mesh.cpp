@@ -1,5 +1,6 @@
 // What is done to a mesh before rendering: place, normals, side, and the checks that keep broken
-// data from the device. SPDX-License-Identifier: BSD-3-Clause
+// data from the device.
+// SPDX-License-Identifier: BSD-3-Clause
 #include "host/scene/mesh.h"
 
 #include <algorithm>

@@ -1,5 +1,6 @@
 // Triangle meshes: OBJ and PLY files read as Mitsuba reads them, and what is done to them before
-// rendering. SPDX-License-Identifier: BSD-3-Clause
+// rendering.
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <string_view>

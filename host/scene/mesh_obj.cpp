@@ -1,5 +1,6 @@
 // Wavefront OBJ: v, vn and f lines; vertices are shared exactly as the file shares them, which
-// computed normals need. SPDX-License-Identifier: BSD-3-Clause
+// computed normals need.
+// SPDX-License-Identifier: BSD-3-Clause
 #include <limits>
 #include <unordered_map>
 

@@ -1,5 +1,6 @@
-// Stanford PLY: ascii and both binary orders, any scalar types, elements other than vertex and face
-// skipped. SPDX-License-Identifier: BSD-3-Clause
+// Stanford PLY: ascii and both binary orders, any scalar types, elements other than vertex and
+// face skipped.
+// SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
 #include <bit>
 #include <cmath>

@@ -1,5 +1,6 @@
 // Affine maps in double precision and the <transform> element, in Mitsuba's order: the first child
-// acts first. SPDX-License-Identifier: BSD-3-Clause
+// acts first.
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <array>

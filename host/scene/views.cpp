@@ -1,5 +1,6 @@
 // hemisphere_views(): cameras on the cap of the hemisphere from which the scene's open side is
-// seen, as in the papers. SPDX-License-Identifier: BSD-3-Clause
+// seen, as in the papers.
+// SPDX-License-Identifier: BSD-3-Clause
 #include <cmath>
 #include <numbers>
 

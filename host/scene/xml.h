@@ -1,5 +1,6 @@
 // One scene file while it is read: its XML with line numbers, its $parameters, and what to do with
-// what PAVE lacks. SPDX-License-Identifier: BSD-3-Clause
+// what PAVE lacks.
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <filesystem>

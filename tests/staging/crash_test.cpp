@@ -1,5 +1,6 @@
 // kill -9 of a writer at random moments: exactly the acknowledged frames remain, and a resumed run
-// ends as an unbroken one. SPDX-License-Identifier: BSD-3-Clause
+// ends as an unbroken one.
+// SPDX-License-Identifier: BSD-3-Clause
 #include <gtest/gtest.h>
 #include <sys/wait.h>
 #include <unistd.h>

@@ -1,5 +1,6 @@
 // Places that cannot be written: full disks, limits, missing rights. One clear error, acknowledged
-// frames stay readable. SPDX-License-Identifier: BSD-3-Clause
+// frames stay readable.
+// SPDX-License-Identifier: BSD-3-Clause
 #include <gtest/gtest.h>
 #include <sys/mount.h>
 #include <sys/resource.h>

@@ -1,5 +1,6 @@
 // The stage's promises towards its producer: order, policies, deadlines, and errors that come back
-// from the background. SPDX-License-Identifier: BSD-3-Clause
+// from the background.
+// SPDX-License-Identifier: BSD-3-Clause
 #include <gtest/gtest.h>
 
 #include <chrono>

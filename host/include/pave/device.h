@@ -1,5 +1,6 @@
 // One OpenCL device and what it says of itself: selection, profile, queue, kernel programs, pinned
-// arenas. SPDX-License-Identifier: BSD-3-Clause
+// arenas.
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <memory>

@@ -1,5 +1,6 @@
 // The trained generator inside the renderer: reads an exported run, draws a frame on the OpenCL
-// device. SPDX-License-Identifier: BSD-3-Clause
+// device.
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <map>

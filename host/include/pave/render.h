@@ -1,5 +1,6 @@
 // The path tracer on one device: renders every channel of a view in one pass, straight into a
-// frame's slot. SPDX-License-Identifier: BSD-3-Clause
+// frame's slot.
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <cstdint>

@@ -1,5 +1,6 @@
-// The frame: the channels of one view plus its metadata, in one slot of a pinned ring. The one seam
-// between host/ and staging/. SPDX-License-Identifier: BSD-3-Clause
+// The frame: the channels of one view plus its metadata, in one slot of a pinned ring. The one
+// seam between host/ and staging/.
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <array>

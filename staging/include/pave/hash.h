@@ -1,5 +1,6 @@
-// The one hash of PAVE, XXH3-128: of blocks, scenes, kernels and weights. It finds damage; it is no
-// defence against forgery. SPDX-License-Identifier: BSD-3-Clause
+// The one hash of PAVE, XXH3-128: of blocks, scenes, kernels and weights. It finds damage; it is
+// no defence against forgery.
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <cstddef>

@@ -1,5 +1,6 @@
 // The stage: a ring of frame slots and the sink that a background thread flushes published frames
-// to. SPDX-License-Identifier: BSD-3-Clause
+// to.
+// SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
 #include <chrono>

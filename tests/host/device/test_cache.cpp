@@ -1,5 +1,6 @@
 // The kernel cache: what it takes as its folder, what it takes as an entry, and that nothing in it
-// can stop a start. SPDX-License-Identifier: BSD-3-Clause
+// can stop a start.
+// SPDX-License-Identifier: BSD-3-Clause
 #include <fcntl.h>
 #include <gtest/gtest.h>
 #include <poll.h>
@@ -23,8 +24,7 @@ namespace {
 namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
 
-// ---- Entries
-// ---------------------------------------------------------------------------------------------------------
+// ---- Entries ----
 
 const std::string kKey(32, 'a');
 
@@ -80,8 +80,7 @@ TEST(PackDeathTest, AFullDiskLeavesNothingHalf) {
     EXPECT_EXIT(std::exit(fill() ? 0 : 1), testing::ExitedWithCode(0), "");
 }
 
-// ---- Folders
-// ---------------------------------------------------------------------------------------------------------
+// ---- Folders ----
 
 std::string note_of(const fs::path& folder) {
     ScopedVariable variable("PAVE_CACHE_DIR", folder.c_str());
@@ -182,8 +181,7 @@ TEST(ProcessFolder, IsPrivateLockedAndRemoved) {
     EXPECT_EQ(temporary.path().parent_path(), fs::temp_directory_path());
 }
 
-// ---- Whole processes, each a fork that makes its first OpenCL call itself
-// ---------------------------------------------
+// ---- Whole processes, each a fork that makes its first OpenCL call itself ----
 
 struct Child {
     pid_t pid = -1;

@@ -1,5 +1,6 @@
 // The same tests once more on Oclgrind, a second OpenCL runtime, which watches every access of
-// every work-item. SPDX-License-Identifier: BSD-3-Clause
+// every work-item.
+// SPDX-License-Identifier: BSD-3-Clause
 #include <gtest/gtest.h>
 
 #include "tests/host/device/environment.h"

@@ -1,5 +1,6 @@
 // Finding devices: every way to name one, what is said when there is none, and other people's
-// handles. SPDX-License-Identifier: BSD-3-Clause
+// handles.
+// SPDX-License-Identifier: BSD-3-Clause
 #include <dlfcn.h>
 #include <gtest/gtest.h>
 

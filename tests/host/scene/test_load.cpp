@@ -1,6 +1,7 @@
 // What load_scene makes of right files: defaults, parameters, materials, emitters, names, hash.
 // Numbers said to be Mitsuba's were read back from scenes that Mitsuba 3.9.1 (scalar_rgb) had
-// loaded. SPDX-License-Identifier: BSD-3-Clause
+// loaded.
+// SPDX-License-Identifier: BSD-3-Clause
 #include <cstdlib>
 
 #include "tests/host/scene/scene_files.h"

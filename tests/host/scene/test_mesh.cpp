@@ -1,5 +1,6 @@
 // OBJ and PLY readers: what they read, what Mitsuba 3.9.1 makes of the same files, and what they
-// refuse. SPDX-License-Identifier: BSD-3-Clause
+// refuse.
+// SPDX-License-Identifier: BSD-3-Clause
 #include <cstring>
 
 #include "host/scene/mesh.h"

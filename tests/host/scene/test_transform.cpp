@@ -1,5 +1,6 @@
 // Transforms against matrices read back from Mitsuba 3.9.1 (scalar_rgb), and what each shape makes
-// of its transform. SPDX-License-Identifier: BSD-3-Clause
+// of its transform.
+// SPDX-License-Identifier: BSD-3-Clause
 #include "host/scene/transform.h"
 #include "tests/host/scene/scene_files.h"
 
