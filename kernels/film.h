@@ -22,9 +22,10 @@ enum {
         STAGED,  // in accumulators between passes: sum of squared differences from the mean
     SUM_OBJECT = SUM_SQUARES + 3 * HAS_VARIANCE,
     SUM_KEPT = SUM_OBJECT + HAS_OBJECT,  // floats a pixel keeps between passes
-    SUM_SHIFT = SUM_KEPT,  // within a pass: first sample, and sum of differences from it
+    SUM_SHIFT = SUM_KEPT,  // within a pass: the value added first, and sum of differences from it
     SUM_SHIFTED = SUM_SHIFT + 3 * HAS_VARIANCE,
-    SUM_ALL = SUM_SHIFTED + 3 * HAS_VARIANCE
+    SUM_PATHS = SUM_SHIFTED + 3 * HAS_VARIANCE,  // within a pass: how many were added
+    SUM_ALL = SUM_PATHS + HAS_VARIANCE
 };
 
 /// What the lanes' paths have gathered so far.
@@ -83,18 +84,19 @@ static inline void stage_record(Stage* stage, const PathRecord* r) {
 #endif
 }
 
-/// Adds lane i of the stage to its pixel; `is_first` is the pixel's first sample in this pass,
-/// `sample` its number of all.
-static inline void add_path(float* sums, const Stage* stage, uint i, int is_first, uint sample) {
+/// Adds lane i of the stage to its pixel. Paths come in the order in which they end, not in that of
+/// their samples; `sample` is the path's number of all.
+static inline void add_path(float* sums, const Stage* stage, uint i, uint sample) {
 #if HAS_VARIANCE
 #pragma unroll
     for (int c = 0; c < 3; ++c) {
         const float x = stage->values[SUM_COLOR + c][i];
-        if (is_first) sums[SUM_SHIFT + c] = x;
+        if (sums[SUM_PATHS] == 0.0f) sums[SUM_SHIFT + c] = x;
         const float d = x - sums[SUM_SHIFT + c];
         sums[SUM_SHIFTED + c] += d;
         sums[SUM_SQUARES + c] += d * d;
     }
+    sums[SUM_PATHS] += 1.0f;
 #endif
 #pragma unroll
     for (int k = 0; k < STAGED; ++k) sums[k] += stage->values[k][i];

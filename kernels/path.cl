@@ -20,6 +20,7 @@ typedef struct {
     vint depth;  // edges before this ray
     vint skip;   // id that the ray starts on
     vmask specular_chain;  // only specular vertices so far
+    vfloat chain_gain;     // what roulette owes to the albedo behind such a chain
     PathRecord record;
 } Paths;
 
@@ -87,10 +88,10 @@ static inline void make_rays(const Scene* s, Queue* q) {
 /// there are.
 static inline void exchange(const Scene* s, Queue* q, Paths* paths, float (*sums)[SUM_ALL],
                             uint* dropped) {
-    // A sample that is not finite counts as black, and is counted.
+    // A sample that is not finite counts as black, and is counted when its path ends.
     const vec3 c = paths->record.color, e = paths->record.direct;
-    const vmask fine = is_finite(c.x) & is_finite(c.y) & is_finite(c.z) & is_finite(e.x) &
-                       is_finite(e.y) & is_finite(e.z);
+    const vmask fine = paths->alive | (is_finite(c.x) & is_finite(c.y) & is_finite(c.z) &
+                                       is_finite(e.x) & is_finite(e.y) & is_finite(e.z));
     const uint lanes = lane_bits(lane_not(paths->alive));
     const uint spoiled = lane_bits(lane_not(fine));
     paths->record.color = keep3(fine, c);
@@ -101,7 +102,7 @@ static inline void exchange(const Scene* s, Queue* q, Paths* paths, float (*sums
         const uint i = lowest_bit(bits);
         const int pixel = q->pixel_of[i];
         if (pixel >= 0) {
-            add_path(sums[pixel], &stage, i, q->sample_of[i] == q->first, q->sample_of[i]);
+            add_path(sums[pixel], &stage, i, q->sample_of[i]);
             *dropped += (spoiled >> i) & 1u;
         }
         if (q->taken == q->made) make_rays(s, q);
@@ -128,6 +129,7 @@ static inline void start_paths(const Scene* s, const Queue* q, Paths* paths, vma
     paths->depth = fresh ? splat_int(0) : paths->depth;
     paths->skip = fresh ? splat_int(-1) : paths->skip;
     paths->specular_chain |= fresh;
+    paths->chain_gain = fresh ? splat(1.0f) : paths->chain_gain;
     PathRecord* k = &paths->record;
     k->color = keep3(old, k->color);
     k->direct = keep3(old, k->direct);
@@ -175,7 +177,7 @@ static inline void record_vertex(const Scene* s, Paths* paths, const Vertex* v, 
 #endif
     const vmask settled = hit & paths->specular_chain & lane_not(is_specular(v->bits));
 #if HAS_ALBEDO
-    k->albedo = select3(settled, v->albedo, k->albedo);
+    k->albedo = select3(settled, scale3(v->albedo, paths->chain_gain), k->albedo);
 #endif
     paths->specular_chain &= lane_not(settled);
 }
@@ -267,6 +269,7 @@ static inline void extend_paths(const Scene* s, const Queue* q, Paths* paths) {
     const vmask roulette = paths->depth >= p->rr_depth;
     const vfloat gain = roulette ? 1.0f / survival : splat(1.0f);
     paths->throughput = scale3(paths->throughput, gain);
+    paths->chain_gain *= gain;
     paths->alive =
         on & (brightest > 0.0f) & (lane_not(roulette) | (unit_float_of_rest(r) < survival));
 }
@@ -303,7 +306,7 @@ __kernel void render_paths(__constant const PathParams* params, __global const f
     paths.alive = mask_of(0);
     paths.specular_chain = mask_of(0);
     paths.o = paths.d = paths.throughput = splat3(0.0f, 0.0f, 0.0f);
-    paths.bsdf_pdf = paths.eta = splat(1.0f);
+    paths.bsdf_pdf = paths.eta = paths.chain_gain = splat(1.0f);
     paths.depth = paths.skip = splat_int(0);
     paths.record = empty_record();
     uint lost = 0;

@@ -59,7 +59,12 @@ class Renderer::Impl {
         if (slot_buffer_of(device_, frame)() == nullptr)
             target = make_frame(frame.schema(), device_);
         slot_to_device(device_, target);
-        trace(view, options, target);
+        try {
+            trace(view, options, target);
+        } catch (...) {  // the caller keeps the frame and may look at it
+            wait(slot_to_host(device_, target), "frame");
+            throw;
+        }
         wait(slot_to_host(device_, target), "frame");
         if (target.slot() != frame.slot()) copy_channels(target, frame);
         fill_metadata(view, options, frame.metadata());
@@ -144,7 +149,7 @@ class Renderer::Impl {
             // back.
             try {
                 for (const Launch& l : pending_) wait(l.event, "render");
-            } catch (const Error&) {
+            } catch (...) {
                 // The error that unwinds is the one to report.
             }
         }
@@ -217,6 +222,7 @@ class Renderer::Impl {
         m.view = view;
         m.spp = options.spp;
         m.max_depth = options.max_depth;
+        m.rr_depth = options.rr_depth;
         m.seed = options.seed;
         m.scene = scene_.name;
         m.scene_hash = scene_.hash;

@@ -150,9 +150,9 @@ SceneData build_scene_data(const Scene& scene, const RendererPaths& paths) {
     add_triangles(scene, data, lights);
     set_bounds(data);
     add_lights(scene, data, std::move(lights));
-    sort_occluders(scene, data, paths);
     const size_t shapes = data.flats.size() + data.cubes.size() + data.spheres.size();
     data.broadcast = shapes <= static_cast<size_t>(std::max(paths.broadcast_shapes, 0));
+    if (data.broadcast) sort_occluders(scene, data, paths);
     data.repeat_shapes = data.broadcast && paths.specialise;
     add_tree(data);
     add_features(scene, data, paths);

@@ -3,7 +3,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <cmath>
 #include <numbers>
-#include <optional>
 
 #include "host/render/scene_data.h"
 #include "pave/error.h"

@@ -31,6 +31,7 @@ class SceneReader {
         bsdfs_.read_declared();
         if (!has_sensor_) file_.fail(file_.root(), "has no <sensor type=\"perspective\">");
         if (scene_.shapes.empty()) file_.fail(file_.root(), "has no shape");
+        if (!has_integrator_) scene_.max_depth = kEndlessDepth;  // as Mitsuba's default integrator
         file_.check_defines_used();
         scene_.name = file_.path().stem().string();
         scene_.warnings = file_.take_warnings();

@@ -167,13 +167,12 @@ void read_integrator(SceneFile& file, pugi::xml_node node, Scene& scene) {
     const pugi::xml_node depth_node = integrator.peek("max_depth"),
                          roulette_node = integrator.peek("rr_depth");
     const pugi::xml_node hide_node = integrator.peek("hide_emitters");
-    constexpr int64_t kEndless = std::numeric_limits<int>::max();
     const int64_t max_depth = integrator.integer("max_depth", -1);
-    if (max_depth != -1 && (max_depth < 1 || max_depth > kEndless))
+    if (max_depth != -1 && (max_depth < 1 || max_depth > kEndlessDepth))
         file.fail(depth_node, "max_depth must be -1 (endless) or at least 1");
-    scene.max_depth = static_cast<int>(max_depth == -1 ? kEndless : max_depth);
+    scene.max_depth = static_cast<int>(max_depth == -1 ? kEndlessDepth : max_depth);
     const int64_t rr_depth = integrator.integer("rr_depth", 5);
-    if (rr_depth < 1 || rr_depth > kEndless)
+    if (rr_depth < 1 || rr_depth > kEndlessDepth)
         file.fail(roulette_node, "rr_depth must be at least 1");
     scene.rr_depth = static_cast<int>(rr_depth);
     if (integrator.boolean("hide_emitters", false))

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from statistics import NormalDist
 
 import numpy as np
+import scipy.stats
 
 # float32 sums: two exact images of one constant may differ by this much of it.
 RELATIVE_FLOOR = 2e-5
@@ -32,6 +33,14 @@ class Estimate:
         """The mean of independent images of equal sample counts, and that mean's variance."""
         stack = np.stack(runs).astype(np.float64)
         return cls(stack.mean(axis=0), stack.var(axis=0, ddof=1) / len(runs))
+
+    def whole(self) -> Estimate:
+        """The mean over all pixels, as an image of one."""
+        pixels = self.mean[..., 0].size
+        return Estimate(
+            self.mean.astype(np.float64).mean(axis=(0, 1), keepdims=True),
+            self.variance.astype(np.float64).sum(axis=(0, 1), keepdims=True) / pixels**2,
+        )
 
     def blocks(self, size: int) -> Estimate:
         """Means over size x size pixels; a rest at the right and the bottom is left out."""
@@ -58,6 +67,12 @@ def sidak_limit(alpha: float, tests: int) -> float:
     return NormalDist().inv_cdf(1 - each / 2)
 
 
+def student_limit(alpha: float, tests: int, runs: int) -> float:
+    """sidak_limit() where the variance is that of `runs` runs: Student's t instead of the normal."""
+    each = -math.expm1(math.log1p(-alpha) / tests)
+    return float(scipy.stats.t.isf(each / 2, runs - 1))
+
+
 @dataclass
 class Comparison:
     """What compare() found; `failures` is empty if the images may have one expected value."""
@@ -80,6 +95,7 @@ class Comparison:
 class Limits:
     passing: float = 0.999  # least share of pixels
     mean: float = 0.002  # most relative difference of the image mean
+    mean_z: float = 4.0  # and most |z| of it, which is the sharper one where noise is low
     block: float = 5.0  # most |z| of an 8x8 block
     block_size: int = 8
     spread: tuple[float, float] = (0.8, 1.25)  # of z over noisy pixels
@@ -94,6 +110,7 @@ def compare(test: Estimate, reference: Estimate, limits: Limits | None = None) -
     if not (np.isfinite(test.mean).all() and np.isfinite(test.variance).all()):
         return Comparison(0, np.full(test.mean.shape[2], np.nan), np.inf, np.nan, ["not finite"])
     z = z_scores(test, reference)
+    mean_z = float(np.abs(z_scores(test.whole(), reference.whole())).max())
     passes = (np.abs(z) <= sidak_limit(limits.alpha, z.size)).all(axis=2)
     test_mean = test.mean.mean(axis=(0, 1), dtype=np.float64)
     ratio = test_mean / reference.mean.mean(axis=(0, 1), dtype=np.float64)
@@ -109,6 +126,8 @@ def compare(test: Estimate, reference: Estimate, limits: Limits | None = None) -
         )
     if np.abs(ratio - 1).max() > limits.mean:
         result.failures.append(f"image mean is off by more than {limits.mean:.1%}: ratio {ratio}")
+    if mean_z > limits.mean_z:
+        result.failures.append(f"image mean is {mean_z:.1f} deviations off: ratio {ratio}")
     if result.worst_block > limits.block:
         row, column, plane = np.unravel_index(np.abs(block_z).argmax(), block_z.shape)
         result.failures.append(

@@ -67,7 +67,8 @@ RECIPES = {
 
 # For images whose variance is estimated from 16 runs: Student's t instead of the normal
 # distribution, whose tails beyond 5 deviations hold some 1e-4 of the values.
-FEW_RUNS = Limits(passing=0.997, block=5.5)
+# Their mean's own deviation is a tenth of a percent, so its limit is that of z.
+FEW_RUNS = Limits(passing=0.997, mean=0.005, block=5.5)
 
 
 def scene_sha256(recipe: Recipe) -> str:

@@ -12,7 +12,7 @@ import os
 import mitsuba_reference
 import numpy as np
 import pytest
-from image_statistics import Estimate, Limits, compare, sidak_limit
+from image_statistics import Estimate, Limits, compare, student_limit
 from mitsuba_reference import RECIPES, Recipe, Reference
 
 import pave
@@ -27,7 +27,8 @@ CASES = {
     "cornell": (4096, Limits()),
     "novel": (2048, Limits(passing=0.998, mean=0.004)),
     "materials": (4096, Limits(passing=0.99, mean=0.006, block=6.0)),
-    "many-lights": (2048, Limits(passing=0.99, mean=0.006, block=6.0)),
+    # The noise of both sides is half a percent of the red mean: small bright lights, rarely met.
+    "many-lights": (16384, Limits(passing=0.99, mean=0.015, block=6.0)),
 }
 
 
@@ -127,7 +128,7 @@ def test_distance_and_position_on_planes(images, name):
     assert planes.mean() > 0.5, "the scene has too few pixels that show one plane"
     for channel in ("distance", "position"):
         z = worst_deviation(*aov_estimates(images, name, channel), tolerance=2e-4)
-        limit = sidak_limit(0.01, 4 * int(planes.sum()))
+        limit = student_limit(0.01, 4 * int(planes.sum()), RECIPES[name].runs)
         assert z[planes].max() <= limit, f"{channel}: z {z[planes].max():.1f}; {rerun(name)}"
 
 
@@ -146,7 +147,9 @@ def test_depth_is_the_positions_along_the_view_axis(images, name):
     depth = Estimate(images(name)["depth"], 3 * variance[..., None])
     z = worst_deviation(depth, expected, tolerance=2e-4)
     planes = one_plane(name)
-    assert z[planes].max() <= sidak_limit(0.01, int(planes.sum())), rerun(name)
+    assert z[planes].max() <= student_limit(0.01, int(planes.sum()), RECIPES[name].runs), rerun(
+        name
+    )
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -158,7 +161,7 @@ def test_normals_point_where_mitsubas_do(images, name):
     length = np.maximum(length, 1e-9)
     unit = Estimate(reference.mean / length, reference.variance / length**2)
     z = worst_deviation(Estimate(test.mean, test.variance / length**2), unit, tolerance=1e-3)
-    limit = sidak_limit(0.01, 3 * int(seen.sum()))
+    limit = student_limit(0.01, 3 * int(seen.sum()), RECIPES[name].runs)
     # At silhouettes a pixel's normals have two peaks, and the quotient's error is not normal.
     assert (z[seen] <= limit).mean() >= 0.995, f"{(z[seen] > limit).sum()} pixels; {rerun(name)}"
     assert z[one_plane(name)].max() <= limit, rerun(name)
@@ -171,7 +174,7 @@ def test_albedo_is_mitsubas(images, name):
     """Only where every material is diffuse: elsewhere PAVE goes on to the first that is not specular."""
     test, reference = aov_estimates(images, name, "albedo")
     z = worst_deviation(test, reference, tolerance=2e-4)
-    limit = sidak_limit(0.01, 3 * z.size)
+    limit = student_limit(0.01, 3 * z.size, RECIPES[name].runs)
     assert (z <= limit).mean() >= 0.998, f"{(z > limit).sum()} pixels; {rerun(name)}"
     planes = one_plane(name)
     difference = np.abs(test.mean - reference.mean)[planes & (reference.variance.max(axis=2) == 0)]

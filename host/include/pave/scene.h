@@ -79,8 +79,8 @@ struct Scene {
     int spp = 16;                   // sampler's sample_count
     int max_depth = 50;  // path integrator: edges of the longest path; -1 in a file means 2^31-1
     int rr_depth = 5;    // roulette starts at this depth
-    std::vector<std::string>
-        warnings;  // what --ignore-unsupported left out, each with file and line
+    // What --ignore-unsupported left out, each with file and line.
+    std::vector<std::string> warnings;
 
     std::array<float, 3> bounds_min{}, bounds_max{};  // of all shapes
 };

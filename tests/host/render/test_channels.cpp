@@ -126,6 +126,28 @@ TEST(Channels, AlbedoLooksThroughGlassAndMirrors) {
             << "object " << frame.channel("object")[i];
         EXPECT_NEAR(frame.channel("albedo")[2048 + i], 0.1, 0.01);
     }
+    // Roulette may end the chain, but must not darken what lies behind it.
+    const Frame early = render(scene, 32, 32, {"albedo"}, {.spp = 256, .rr_depth = 1});
+    EXPECT_NEAR(mean(early, "albedo"), mean(frame, "albedo"), 2e-3);
+}
+
+TEST(Channels, VarianceDoesNotDependOnTheLanes) {
+    // Lanes end their paths in another order, but the samples are the same.
+    Renderer renderer(device(), cornell());
+    RenderOptions options{.spp = 8, .lane_width = 1};
+    const Frame reference = render(renderer, 32, 32, {"color", "variance"}, options);
+    for (int lanes : {4, 8, 16}) {
+        options.lane_width = lanes;
+        const Frame other = render(renderer, 32, 32, {"color", "variance"}, options);
+        size_t far = 0;
+        for (size_t i = 0; i < 3 * 1024; ++i) {
+            const float a = reference.channel("variance")[i], b = other.channel("variance")[i];
+            far += std::abs(a - b) > 1e-3f * std::max(a, b) + 1e-9f;
+        }
+        // Paths that a rounding sends another way.
+        EXPECT_LE(far, 60u) << lanes << " lanes";
+        EXPECT_NEAR(mean(other, "variance") / mean(reference, "variance"), 1.0, 0.02) << lanes;
+    }
 }
 
 TEST(Channels, DirectIsTheImageOfTwoEdges) {

@@ -51,6 +51,22 @@ TEST_P(FurnaceTest, HasTheRadianceOfTheTruncatedSeries) {
     RecordProperty("expected", std::to_string(expected));
 }
 
+TEST(Furnace, ShippedScenesSayWhatTheyPromise) {
+    // Le (1 - albedo^n) / (1 - albedo), and without a limit of edges Le / (1 - albedo).
+    for (const char* name : {"furnace-sphere", "furnace-cube"})
+        for (int edges : {-1, 6}) {
+            const Scene scene =
+                load_scene(name, {.defines = {{"albedo", "0.8"},
+                                              {"radiance", "0.2"},
+                                              {"max_depth", std::to_string(edges)}}});
+            const Frame frame = render(scene, 32, 32, {"color", "variance"},
+                                       {.spp = 2048, .max_depth = scene.max_depth});
+            const double expected = edges < 0 ? 1.0 : 1.0 - std::pow(0.8, edges);
+            EXPECT_NEAR(mean(frame, "color"), expected, 4 * standard_error(frame) + 2e-6) << name;
+            EXPECT_NEAR(mean(frame, "color"), expected, 1e-3) << name;
+        }
+}
+
 TEST(Furnace, HoldsForEveryDepth) {
     Scene scene;
     Shape& shape =

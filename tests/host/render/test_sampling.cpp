@@ -82,5 +82,72 @@ TEST(SamplersOnce, DensityIsThatOfTheSamples) {
     }
 }
 
+/// Maps a sampler's domain to the unit square so that equal areas have equal chances, and says what
+/// the density by area or solid angle has to be.
+struct Domain {
+    int shape;
+    std::array<double, 2> (*place)(double x, double y, double z);
+    double (*density)(double z);
+};
+double turn_of(double x, double y) {
+    const double turn = std::atan2(y, x) / (2 * M_PI);
+    return turn < 0 ? turn + 1 : turn;
+}
+constexpr double kConeHeight = 0.25;  // 1 - cos of the half angle
+const Domain kDomains[] = {
+    {kDisk,
+     [](double x, double y, double) {
+         return std::array{x * x + y * y, turn_of(x, y)};
+     },
+     [](double) { return 1 / M_PI; }},
+    // Cosine-weighted directions are uniform in z * z and the angle.
+    {kCosine,
+     [](double x, double y, double z) {
+         return std::array{z * z, turn_of(x, y)};
+     },
+     [](double z) { return z / M_PI; }},
+    {kSphere,
+     [](double x, double y, double z) {
+         return std::array{(z + 1) / 2, turn_of(x, y)};
+     },
+     [](double) { return 1 / (4 * M_PI); }},
+    {kCone,
+     [](double x, double y, double z) {
+         return std::array{(1 - z) / kConeHeight, turn_of(x, y)};
+     },
+     [](double) { return 1 / (2 * M_PI * kConeHeight); }},
+    // b1 / (1 - b2) and (1 - b2)^2 of the triangle with area 1/2.
+    {kTriangle,
+     [](double b1, double b2, double) {
+         return std::array{(1 - b2) * (1 - b2), b2 < 1 ? b1 / (1 - b2) : 0.0};
+     },
+     [](double) { return 2.0; }},
+};
+
+TEST(SamplersChi2, SamplesFollowTheirDensity) {
+    constexpr size_t kSide = 24, kSamples = 1 << 18;
+    SelfTest test(cornell());
+    const double least_p = sidak(static_cast<int>(std::size(kDomains)));
+    for (const Domain& domain : kDomains) {
+        const Planes units = test.philox_units(static_cast<uint32_t>(17 + domain.shape), kSamples);
+        const Planes out = test.sample_shape(domain.shape, kConeHeight, {units[0], units[1]});
+        std::vector<double> seen(kSide * kSide, 0.0);
+        for (size_t i = 0; i < kSamples; ++i) {
+            const auto at = domain.place(out[0][i], out[1][i], out[2][i]);
+            const auto cell = [](double x) {
+                return std::min(static_cast<size_t>(std::max(x, 0.0) * kSide), kSide - 1);
+            };
+            seen[cell(at[0]) * kSide + cell(at[1])] += 1;
+            ASSERT_NEAR(out[3][i], domain.density(out[2][i]), 1e-5 * (1 + out[3][i]))
+                << "shape " << domain.shape << " sample " << i;
+        }
+        const double expected = static_cast<double>(kSamples) / (kSide * kSide);
+        double statistic = 0;
+        for (double n : seen) statistic += (n - expected) * (n - expected) / expected;
+        const double p = chi2_tail(statistic, kSide * kSide - 1);
+        EXPECT_GT(p, least_p) << "shape " << domain.shape;
+    }
+}
+
 }  // namespace
 }  // namespace pave::test

@@ -17,6 +17,8 @@ TEST_F(LoadScene, UsesMitsubasDefaults) {
     EXPECT_EQ(scene.width, 16);
     EXPECT_EQ(scene.height, 8);
     EXPECT_EQ(scene.spp, 4);
+    EXPECT_EQ(scene.max_depth, std::numeric_limits<int>::max());  // no integrator: endless
+    EXPECT_EQ(scene.rr_depth, 5);
     ASSERT_EQ(scene.shapes.size(), 1u);
     EXPECT_FALSE(scene.shapes[0].is_emitter);
     EXPECT_EQ(scene.bsdfs[0].type, Bsdf::Type::kDiffuse);
