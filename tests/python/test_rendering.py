@@ -228,3 +228,33 @@ def test_a_broken_kernel_tells_file_line_and_log(tmp_path, monkeypatch, device, 
     assert "path.cl:" in str(error)
     assert "\n" not in str(error)
     assert "not_there" in error.build_log
+
+
+def test_frames_have_one_sha256_whatever_the_slots(device, scene, renderer):
+    """Through rings of other sizes, in slots used again and again, also in tiles of one row."""
+    views = pave.hemisphere_views(scene, 7, 3)
+    found = set()
+    for slots, tile_rows in ((2, 1), (3, 0), (5, 3), (8, 0)):
+        stage = pave.Stage(
+            device,
+            "mem:",
+            width=SIZE,
+            height=SIZE,
+            channels=CHANNELS,
+            slots=slots,
+            policy="drop-oldest",
+        )
+        digests = []
+        for index, view in enumerate(views):
+            frame = stage.acquire()
+            frame["color"].numpy()[:] = np.nan  # what an earlier frame left must not matter
+            renderer.render(
+                view, frame, spp=8, max_depth=8, seed=5, frame_index=index, tile_rows=tile_rows
+            )
+            digests.append(digest(frame))
+            stage.publish(frame)
+            del frame
+        stage.close()
+        found.add(tuple(digests))
+    assert len(found) == 1
+    assert len(set(digests)) == len(views)

@@ -124,7 +124,8 @@ std::map<std::string, Tensor> tensors_of(const nlohmann::json& document,
 }
 
 const Device& device_with_lanes(int lanes) {
-    static std::map<int, Device> devices;
+    // Never destroyed: some drivers are gone when static objects are.
+    static std::map<int, Device>& devices = *new std::map<int, Device>;
     if (const auto found = devices.find(lanes); found != devices.end()) return found->second;
     const char* before = std::getenv("PAVE_LANES");
     const std::string kept = before == nullptr ? "" : before;
