@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "pave/hash.h"
+#include "staging/json.h"
 
 namespace pave {
 namespace {
@@ -63,20 +64,12 @@ int64_t get_whole(const Json& json, const char* key, int64_t low, int64_t high,
 }  // namespace
 
 Json parse_json(std::string_view text) {
-    struct TooDeep {};
-    constexpr int kDeepest =
-        8;  // copies and dumps recurse: a line of brackets must not end the process
     try {
-        return Json::parse(
-            text,
-            [](int depth, Json::parse_event_t, Json&) {
-                if (depth > kDeepest) throw TooDeep();
-                return true;
-            },
-            false);
-    } catch (const TooDeep&) {
-        return Json(Json::value_t::discarded);
+        return parse_shallow_json<Json>(text);
+    } catch (const InputError&) {
+    } catch (const Json::exception&) {
     }
+    return Json(Json::value_t::discarded);
 }
 
 ChannelMeaning channel_meaning(const Channel& channel) {
