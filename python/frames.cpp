@@ -47,6 +47,7 @@ void bind_metadata(nb::module_& module) {
         .def_rw("view", &FrameMetadata::view)
         .def_rw("spp", &FrameMetadata::spp)
         .def_rw("max_depth", &FrameMetadata::max_depth)
+        .def_rw("rr_depth", &FrameMetadata::rr_depth)
         .def_rw("seed", &FrameMetadata::seed)
         .def_rw("scene", &FrameMetadata::scene)
         .def_rw("scene_hash", &FrameMetadata::scene_hash)

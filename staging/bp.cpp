@@ -97,6 +97,7 @@ class BpWriter::Impl {
         put_value("frame/index", m.index);
         put_value("frame/spp", static_cast<int32_t>(m.spp));
         put_value("frame/max_depth", static_cast<int32_t>(m.max_depth));
+        put_value("frame/rr_depth", static_cast<int32_t>(m.rr_depth));
         put_value("frame/seed", m.seed);
         put_value("frame/scene", m.scene);
         put_value("frame/scene_hash", m.scene_hash);
@@ -146,6 +147,7 @@ class BpWriter::Impl {
         io_.DefineVariable<int64_t>("frame/index");
         io_.DefineVariable<int32_t>("frame/spp");
         io_.DefineVariable<int32_t>("frame/max_depth");
+        io_.DefineVariable<int32_t>("frame/rr_depth");
         io_.DefineVariable<uint64_t>("frame/seed");
         io_.DefineVariable<float>("frame/fov_x_degrees");
         for (const char* name : {"scene", "scene_hash", "device", "driver", "kernel_hash",

@@ -107,6 +107,7 @@ void insert_metadata(Imf::Header& header, const FrameSchema& schema, const Frame
     header.insert("pave.fov_x_degrees", Imf::FloatAttribute(m.view.fov_x_degrees));
     header.insert("pave.spp", Imf::IntAttribute(m.spp));
     header.insert("pave.max_depth", Imf::IntAttribute(m.max_depth));
+    header.insert("pave.rr_depth", Imf::IntAttribute(m.rr_depth));
     text("index", std::to_string(m.index));  // 64 bits: too wide for EXR's int
     text("seed", std::to_string(m.seed));
     text("scene", m.scene);

@@ -219,6 +219,25 @@ TEST_F(BpTest, NextGivesFramesInOrderThenNothing) {
     EXPECT_THROW(source->read(3), UsageError);
 }
 
+TEST_F(BpTest, RouletteDepthOfZeroIsThatOfOlderData) {
+    // Data sets from before this key have none; their content hash must stay what it was.
+    StageOptions options = small_options();
+    Stage stage(uri("data.bp"), options);
+    for (const int rr_depth : {0, 7}) {
+        Frame frame = stage.acquire();
+        frame.metadata().rr_depth = rr_depth;
+        stage.publish(std::move(frame));
+    }
+    stage.close();
+    const std::string manifest = read_text(folder / "data.bp/manifest.jsonl");
+    const size_t key = manifest.find("\"rr_depth\"");
+    EXPECT_EQ(manifest.substr(key, 13), "\"rr_depth\":7,");
+    EXPECT_EQ(manifest.find("\"rr_depth\"", key + 1), std::string::npos);
+    const auto source = Source::open(uri("data.bp"));
+    EXPECT_EQ(source->metadata(0).rr_depth, 0);
+    EXPECT_EQ(source->metadata(1).rr_depth, 7);
+}
+
 TEST_F(BpTest, CustomChannelsAndOddSizes) {
     StageOptions options;
     options.width = 3;
@@ -254,6 +273,11 @@ TEST_F(BpTest, AnyAdios2ReaderUnderstandsAShard) {
         uint64_t value = 0;
         engine.Get(seed, value, adios2::Mode::Sync);
         EXPECT_EQ(value, 0xFFFFFFFFFFFFFFF0ull - step);
+        auto rr_depth = io.InquireVariable<int32_t>("frame/rr_depth");
+        rr_depth.SetStepSelection({step, 1});
+        int32_t depth = -1;
+        engine.Get(rr_depth, depth, adios2::Mode::Sync);
+        EXPECT_EQ(depth, static_cast<int32_t>(step % 4));
         auto scene = io.InquireVariable<std::string>("frame/scene");
         scene.SetStepSelection({step, 1});
         std::string name;

@@ -84,6 +84,7 @@ struct FrameMetadata {
     View view;
     int spp = 0;        // samples per pixel
     int max_depth = 0;  // longest path in edges, as Mitsuba counts it
+    int rr_depth = 0;   // Russian roulette from this depth on
     uint64_t seed = 0;
     std::string scene, scene_hash;  // name; XXH3-128 hex over the scene file and its meshes
     std::string device, driver, kernel_hash;
