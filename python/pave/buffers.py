@@ -268,7 +268,7 @@ class Frame:
 
     @property
     def view(self) -> View:
-        """The camera that the frame was made with."""
+        """The camera that the frame was made with; a copy, which neither changes nor holds the slot."""
         return View.from_raw(self._frame.metadata.view)
 
     @property
