@@ -366,7 +366,7 @@ def test_a_deeply_nested_manifest_is_refused(place):
     run = tiny_run(place)
     deep = '{"format": "pave-run", "version": 1, "xxh3_128": %s}' % ("[" * 200_000 + "]" * 200_000)
     (run / "run-manifest.json").write_text(deep)
-    with pytest.raises(library.InputError, match="run-manifest.json"):
+    with pytest.raises(library.InputError, match=r"run-manifest\.json"):
         verify_manifest(run, ["generator.json"])
     outcome = pave("infer", "run", "cornell", "-o", "x.exr", "--size", "16x16", "--spp", "1")
     check_nothing(outcome, INPUT, place, files(place), "run-manifest.json")
