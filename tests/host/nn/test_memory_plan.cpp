@@ -195,7 +195,7 @@ TEST(Program, no_step_reads_what_another_overwrote) {
             for (const Value& value : program.values) shared += value.parent >= 0;
         }
     }
-    EXPECT_GT(shared, 1000u);  // else the test looks at nothing
+    EXPECT_GT(shared, 1000u);           // else the test looks at nothing
     EXPECT_LT(2 * planned, unplanned);  // reuse of memory saves more than half of it
 }
 
