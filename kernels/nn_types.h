@@ -104,8 +104,8 @@ typedef struct {
     float center[3];
 } NnEncode;
 
-/* The network's result to a channel of a frame; encoded_peak = f(peak), 0 leaves the values alone.
- */
+/* The network's result to a channel of a frame; encoded_peak = f(peak), 0 leaves the values
+ * alone. */
 typedef struct {
     int src_first, src_step, padded_width;
     int dst_first, width, height, planes;

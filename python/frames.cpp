@@ -44,9 +44,13 @@ void bind_view(nb::module_& module) {
 void bind_metadata(nb::module_& module) {
     nb::class_<FrameMetadata>(module, "FrameMetadata")
         .def_rw("index", &FrameMetadata::index)
-        .def_rw("view", &FrameMetadata::view)
+        // A copy: a reference would change with the next frame in the slot, and hold the slot.
+        .def_prop_rw(
+            "view", [](const FrameMetadata& m) { return m.view; },
+            [](FrameMetadata& m, const View& view) { m.view = view; })
         .def_rw("spp", &FrameMetadata::spp)
         .def_rw("max_depth", &FrameMetadata::max_depth)
+        .def_rw("rr_depth", &FrameMetadata::rr_depth)
         .def_rw("seed", &FrameMetadata::seed)
         .def_rw("scene", &FrameMetadata::scene)
         .def_rw("scene_hash", &FrameMetadata::scene_hash)

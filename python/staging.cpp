@@ -95,6 +95,10 @@ void bind_source(nb::module_& module) {
             },
             nb::arg("position"), nb::arg("device").none(), Released())
         .def(
+            "read_all",
+            [](Source& source, Device* device) { return source.read_all(allocator_of(device)); },
+            nb::arg("device").none(), Released())
+        .def(
             "next",
             [](Source& source, int64_t timeout_ms, Device* device) -> std::optional<Frame> {
                 Frame frame =

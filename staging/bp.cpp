@@ -3,6 +3,7 @@
 #include "staging/bp.h"
 
 #include <adios2.h>
+#include <pthread.h>
 #include <unistd.h>
 
 #include <chrono>
@@ -13,35 +14,58 @@
 namespace pave {
 namespace {
 
+/// A mutex that can be waited for with a deadline.
+class Gate {
+   public:
+    bool take(std::chrono::seconds patience) {
+        std::unique_lock lock(mutex_);
+        if (!freed_.wait_for(lock, patience, [this] { return !is_taken_; })) return false;
+        is_taken_ = true;
+        return true;
+    }
+    void give_back() {
+        const std::lock_guard lock(mutex_);
+        is_taken_ = false;
+        freed_.notify_one();
+    }
+
+   private:
+    std::mutex mutex_;
+    std::condition_variable freed_;
+    bool is_taken_ = false;
+};
+
+/// The gate of this process, never destroyed: data sets may outlive main. A forked child has none
+/// of the threads that could give the parent's back, so it begins with a fresh one; a fork waits a
+/// second for ADIOS2 to be left alone, so that the child finds its tables whole.
+Gate*& process_gate() {
+    static thread_local bool is_taken_to_fork = false;
+    static Gate* gate = [] {
+        pthread_atfork([] { is_taken_to_fork = process_gate()->take(std::chrono::seconds(1)); },
+                       [] {
+                           if (is_taken_to_fork) process_gate()->give_back();
+                       },
+                       [] { process_gate() = new Gate; });
+        return new Gate;
+    }();
+    return gate;
+}
+
 /// ADIOS2 keeps process-wide tables (FFS formats) that are not promised to be safe between threads:
 /// one call at a time. Waits 30 s at most, so that a writer stuck in a dead disk does not hang a
 /// reader for ever.
 class AdiosLock {
    public:
     AdiosLock() {
-        std::unique_lock lock(gate().mutex);
-        if (!gate().freed.wait_for(lock, std::chrono::seconds(30), [] { return !gate().is_taken; }))
+        if (!gate_->take(std::chrono::seconds(30)))
             throw RunError("ADIOS2 is busy for 30 s: another data set of this process is stuck");
-        gate().is_taken = true;
     }
-    ~AdiosLock() {
-        const std::lock_guard lock(gate().mutex);
-        gate().is_taken = false;
-        gate().freed.notify_one();
-    }
+    ~AdiosLock() { gate_->give_back(); }
     AdiosLock(const AdiosLock&) = delete;
     AdiosLock& operator=(const AdiosLock&) = delete;
 
    private:
-    struct Gate {
-        std::mutex mutex;
-        std::condition_variable freed;
-        bool is_taken = false;
-    };
-    static Gate& gate() {
-        static Gate& one = *new Gate;  // never destroyed: data sets may outlive main
-        return one;
-    }
+    Gate* const gate_ = process_gate();
 };
 
 /// What ADIOS2 threw, as one plain line: it comes with a time, colours, its own stack and a second
@@ -97,6 +121,7 @@ class BpWriter::Impl {
         put_value("frame/index", m.index);
         put_value("frame/spp", static_cast<int32_t>(m.spp));
         put_value("frame/max_depth", static_cast<int32_t>(m.max_depth));
+        put_value("frame/rr_depth", static_cast<int32_t>(m.rr_depth));
         put_value("frame/seed", m.seed);
         put_value("frame/scene", m.scene);
         put_value("frame/scene_hash", m.scene_hash);
@@ -146,6 +171,7 @@ class BpWriter::Impl {
         io_.DefineVariable<int64_t>("frame/index");
         io_.DefineVariable<int32_t>("frame/spp");
         io_.DefineVariable<int32_t>("frame/max_depth");
+        io_.DefineVariable<int32_t>("frame/rr_depth");
         io_.DefineVariable<uint64_t>("frame/seed");
         io_.DefineVariable<float>("frame/fov_x_degrees");
         for (const char* name : {"scene", "scene_hash", "device", "driver", "kernel_hash",
@@ -232,8 +258,10 @@ class BpReader::Impl {
     std::vector<adios2::Variable<float>> channels_;
 };
 
-BpReader::BpReader(const fs::path& path, const FrameSchema& schema, size_t frames) {
-    with_adios([&] { impl_ = std::make_unique<Impl>(path, schema, frames); });
+BpReader::BpReader(const fs::path& root, const Block& block, const FrameSchema& schema) {
+    verify_block(root, block);
+    with_adios(
+        [&] { impl_ = std::make_unique<Impl>(root / block.name, schema, block.frames.size()); });
 }
 BpReader::~BpReader() {
     try {

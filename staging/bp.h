@@ -6,7 +6,7 @@
 #include <string>
 
 #include "pave/source.h"
-#include "staging/files.h"
+#include "staging/manifest.h"
 #include "staging/sink.h"
 
 namespace pave {
@@ -26,11 +26,12 @@ class BpWriter {
     std::unique_ptr<Impl> impl_;
 };
 
-/// Reads one BP5 folder whose bytes were verified before.
+/// Reads one shard of the data set at `root`.
 class BpReader {
    public:
-    /// Throws InputError if it does not hold `frames` steps of `schema`.
-    BpReader(const fs::path& path, const FrameSchema& schema, size_t frames);
+    /// Compares the bytes of `block` with the manifest before ADIOS2 sees them. Throws InputError
+    /// if they differ, or are not its frames as steps of `schema`.
+    BpReader(const fs::path& root, const Block& block, const FrameSchema& schema);
     ~BpReader();
     BpReader(const BpReader&) = delete;
     BpReader& operator=(const BpReader&) = delete;

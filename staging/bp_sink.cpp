@@ -9,8 +9,8 @@
 namespace pave {
 namespace {
 
-/// "frames-00000016.bp", or with the count of its frames if it ended before its boundary: then
-/// another one may begin alike.
+/// "frames-00000016.bp", or with the count of its frames if it ended before its boundary: one that
+/// a resumed run joins with more frames then begins alike.
 std::string shard_name(int64_t first_index, size_t frames, bool is_full) {
     char name[80];
     if (is_full)
@@ -38,14 +38,14 @@ class BpSink final : public Sink {
 
     void write(const Frame& frame, const FrameRecord& record) override {
         const int64_t index = record.metadata.index;
-        if (writer_ && shard_of(index) != shard_of(frames_.front().metadata.index)) seal(true);
+        if (writer_ && shard_of(index) != shard_of(frames_.front().metadata.index)) seal();
         if (!writer_) begin_shard(index);
         writer_->put(frame);
         frames_.push_back(record);
-        if (is_boundary(index + 1)) seal(true);
+        if (is_boundary(index + 1)) seal();
     }
     void flush() override {
-        if (writer_) seal(false);
+        if (writer_) seal();
     }
     void close(bool finished) override {
         flush();
@@ -87,10 +87,9 @@ class BpSink final : public Sink {
         for (size_t i = blocks.size() - replaced_; i < blocks.size(); ++i) replay(blocks[i]);
     }
 
-    /// Puts the frames of a short shard into the open one. Their bytes were verified when the
-    /// folder was opened.
+    /// Puts the frames of a short shard into the open one.
     void replay(const Block& block) {
-        BpReader reader(folder_.root() / block.name, folder_.schema(), block.frames.size());
+        BpReader reader(folder_.root(), block, folder_.schema());
         for (size_t step = 0; step < block.frames.size(); ++step) {
             Frame frame = make_frame(folder_.schema());
             reader.get(step, frame);
@@ -102,7 +101,8 @@ class BpSink final : public Sink {
         }
     }
 
-    void seal(bool is_full) {
+    void seal() {
+        const bool is_full = is_boundary(frames_.back().metadata.index + 1);
         writer_->close();
         writer_.reset();
         const std::string name =

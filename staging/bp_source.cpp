@@ -27,8 +27,7 @@ class BpSource final : public FileSource {
         if (found == open_.end()) {
             check_room(block);
             if (open_.size() == kOpenShards) open_.pop_front();
-            auto reader =
-                std::make_unique<BpReader>(root() / block.name, schema(), block.frames.size());
+            auto reader = std::make_unique<BpReader>(root(), block, schema());
             open_.push_back({&block, std::move(reader)});
             found = std::prev(open_.end());
         }

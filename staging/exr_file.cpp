@@ -29,6 +29,9 @@ namespace {
 constexpr std::string_view kMark = "PAVEXXH3";
 constexpr size_t kTrailerSize = kMark.size() + 32;
 
+// All channels that PAVE knows at 16384 x 16384, uncompressed, are less.
+constexpr uint64_t kFileByteLimit = uint64_t{32} << 30;
+
 /// OpenEXR writes through this; small pieces are gathered. OpenEXR's destructors swallow errors, so
 /// the first is kept.
 class FileStream final : public Imf::OStream {
@@ -107,6 +110,7 @@ void insert_metadata(Imf::Header& header, const FrameSchema& schema, const Frame
     header.insert("pave.fov_x_degrees", Imf::FloatAttribute(m.view.fov_x_degrees));
     header.insert("pave.spp", Imf::IntAttribute(m.spp));
     header.insert("pave.max_depth", Imf::IntAttribute(m.max_depth));
+    header.insert("pave.rr_depth", Imf::IntAttribute(m.rr_depth));
     text("index", std::to_string(m.index));  // 64 bits: too wide for EXR's int
     text("seed", std::to_string(m.seed));
     text("scene", m.scene);
@@ -147,8 +151,8 @@ void write_pixels(const Frame& frame, const FrameRecord& record, const std::stri
                   FileStream& stream) {
     const FrameSchema& schema = frame.schema();
     Imf::Header header(schema.width(), schema.height());
-    header.compression() =
-        Imf::ZIPS_COMPRESSION;  // damage to a line does not go unseen, and lines are read alone
+    // Damage to a line does not go unseen, and lines are read alone.
+    header.compression() = Imf::ZIPS_COMPRESSION;
     Imf::addChromaticities(header, Imf::Chromaticities());
     insert_metadata(header, schema, record, names);
     Imf::FrameBuffer buffer;
@@ -256,7 +260,7 @@ void write_exr_file(const Frame& frame, const FrameRecord& record, const std::st
 }
 
 Frame read_exr_file(const fs::path& path, const FrameSchema* expected, ArenaAllocator& allocator) {
-    const std::string bytes = read_file(path);
+    const std::string bytes = read_file_within(path, kFileByteLimit);
     MemoryStream stream(path.string(), checked_bytes(bytes, path));
     try {
         return read_pixels(stream, bytes.size(), expected, allocator, path);

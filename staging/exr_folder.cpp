@@ -45,6 +45,7 @@ class ExrSource final : public FileSource {
 
    private:
     Frame decode(const Block& block, size_t, ArenaAllocator& allocator) override {
+        verify_block(root(), block);
         return read_exr_file(root() / block.name, &schema(), allocator);
     }
 };

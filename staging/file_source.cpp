@@ -17,7 +17,6 @@ FileSource::FileSource(const std::string& path, const std::string& kind, bool al
                          std::to_string(manifest_.frame_count()) +
                          " frames are there: resume it, or allow unfinished data");
     read_timings(root_, manifest_.blocks);
-    verified_.resize(manifest_.blocks.size(), false);
     for (size_t block = 0; block < manifest_.blocks.size(); ++block)
         for (size_t step = 0; step < manifest_.blocks[block].frames.size(); ++step)
             places_.push_back({block, step});
@@ -38,10 +37,6 @@ FrameMetadata FileSource::metadata(int64_t position) const {
 Frame FileSource::read(int64_t position, ArenaAllocator& allocator) {
     const Place at = place(position);
     const Block& block = manifest_.blocks[at.block];
-    if (!verified_[at.block]) {
-        verify_block(root_, block);
-        verified_[at.block] = true;
-    }
     Frame frame;
     try {
         frame = decode(block, at.step, allocator);

@@ -11,7 +11,7 @@
 
 namespace pave {
 
-/// What bp: and exr: have in common. The subclass turns a verified block into pixels.
+/// What bp: and exr: have in common. The subclass turns a block into pixels.
 class FileSource : public Source {
    public:
     FileSource(const std::string& path, const std::string& kind, bool allow_unfinished);
@@ -25,7 +25,8 @@ class FileSource : public Source {
     std::string content_hash() const override;
 
    protected:
-    /// Pixels of frame `step` of `block`, whose bytes are verified. Throws anything.
+    /// Pixels of frame `step` of `block`. Calls verify_block() before a library opens a file of it.
+    /// Throws anything.
     virtual Frame decode(const Block& block, size_t step, ArenaAllocator& allocator) = 0;
     const fs::path& root() const { return root_; }
     const Manifest& manifest() const { return manifest_; }
@@ -39,7 +40,6 @@ class FileSource : public Source {
     fs::path root_;
     Manifest manifest_;
     std::vector<Place> places_;
-    std::vector<bool> verified_;  // blocks; each once per open
     int64_t next_ = 0;
 };
 

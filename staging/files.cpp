@@ -7,7 +7,6 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include <array>
 #include <cerrno>
 #include <cstring>
 #include <utility>
@@ -117,32 +116,42 @@ void write_file_whole(const fs::path& path, std::string_view bytes) {
     }
 }
 
-std::string read_file(const fs::path& path) {
+std::string read_file_within(const fs::path& path, uint64_t byte_limit) {
     std::error_code error;
     if (!fs::is_regular_file(path, error))
         throw InputError(path.string() + " is missing or not a plain file");
     try {
-        File file(path, O_RDONLY);
-        std::string text;
-        std::array<char, 65536> buffer;
-        for (;;) {
-            const ssize_t got = ::read(file.descriptor(), buffer.data(), buffer.size());
+        File file(path, O_RDONLY | O_NONBLOCK);  // a pipe put in its place must not hang the open
+        struct stat status {};
+        if (::fstat(file.descriptor(), &status) != 0) throw_errno("look at", path);
+        const auto byte_size = static_cast<uint64_t>(status.st_size);
+        if (byte_size > byte_limit)
+            throw InputError(path.string() + " has " + std::to_string(byte_size) +
+                             " bytes, at most " + std::to_string(byte_limit) + " are taken");
+        std::string text(byte_size, '\0');
+        for (size_t done = 0; done < text.size();) {
+            const ssize_t got = ::read(file.descriptor(), text.data() + done, text.size() - done);
             if (got < 0 && errno == EINTR) continue;
             if (got < 0) throw_errno("read", path);
-            if (got == 0) return text;
-            text.append(buffer.data(), static_cast<size_t>(got));
+            if (got == 0) text.resize(done);  // a writer took back a line that it could not finish
+            done += static_cast<size_t>(got);
         }
+        return text;
     } catch (const RunError& failure) {
         throw InputError(failure.what());
     }
 }
 
+uint64_t plain_file_byte_size(const fs::path& path) {
+    struct stat status {};
+    if (::lstat(path.c_str(), &status) != 0 || !S_ISREG(status.st_mode))
+        throw InputError(path.string() + " is missing or not a plain file");
+    return static_cast<uint64_t>(status.st_size);
+}
+
 FileFacts file_facts(const fs::path& root, const std::string& name) {
     const fs::path path = root / name;
-    std::error_code error;
-    // No links: a data set's files are its own.
-    if (fs::symlink_status(path, error).type() != fs::file_type::regular)
-        throw InputError(path.string() + " is missing or not a plain file");
+    plain_file_byte_size(path);  // no links: a data set's files are its own
     try {
         File file(path, O_RDONLY | O_NOFOLLOW);
         Hasher hasher;

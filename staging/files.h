@@ -49,8 +49,11 @@ bool make_folder(const fs::path& path);
 /// Writes beside `path`, syncs, renames over it: readers see the old or the new file, never half of
 /// one.
 void write_file_whole(const fs::path& path, std::string_view bytes);
-/// The whole text of a file. Throws InputError naming the path if it cannot be read.
-std::string read_file(const fs::path& path);
+/// The whole text of a plain file, as long as it is when it is opened. Throws InputError naming the
+/// path if it cannot be read or has more than `byte_limit` bytes.
+std::string read_file_within(const fs::path& path, uint64_t byte_limit);
+/// Throws InputError if `path` is not a plain file itself: a link to one is none.
+uint64_t plain_file_byte_size(const fs::path& path);
 
 struct FileFacts {
     std::string name;  // relative to the data set's folder, '/' between its parts
@@ -65,7 +68,7 @@ FileFacts file_facts(const fs::path& root, const std::string& name);
 /// Removes a file or folder; what cannot be removed stays.
 void remove_quietly(const fs::path& path) noexcept;
 
-inline constexpr const char* kTemporaryPrefix =
-    ".tmp-";  // every unfinished file's or folder's name begins so
+/// Every unfinished file's or folder's name begins so.
+inline constexpr const char* kTemporaryPrefix = ".tmp-";
 
 }  // namespace pave

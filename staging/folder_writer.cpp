@@ -19,6 +19,13 @@ bool holds_nothing(const fs::path& root) {
     return true;
 }
 
+/// Nobody would read a longer one.
+void check_room(const fs::path& path, uint64_t byte_size) {
+    if (byte_size > kManifestByteLimit)
+        throw RunError(path.string() + " would have more than " +
+                       std::to_string(kManifestByteLimit) + " bytes: begin another data set");
+}
+
 std::string describe(const Json& header) {
     const Json& schema = header["schema"];
     std::string text = header["kind"].get<std::string>() + " " + schema["width"].dump() + "x" +
@@ -46,18 +53,32 @@ FolderWriter::FolderWriter(const std::string& path, const std::string& kind,
         if (fs::is_directory(root_)) refuse_foreign(resume);
         made_folder_ = make_folder(root_);
         lock_ = File(root_ / kLockName, O_RDWR | O_CREAT);
-        if (!lock_.try_lock())
+        if (!lock_.try_lock()) {
+            lock_ = File();
             throw RunError(root_.string() +
                            " has another writer at work; wait for it or use another name");
+        }
         refuse_foreign(resume);
         const Json header = header_json(kind_, schema_, options);
         fs::exists(root_ / kManifestName) ? start_resumed(header) : start_new(header);
     } catch (const fs::filesystem_error& error) {
+        take_back_folder();
         throw RunError("cannot look into " + root_.string() + ": " + error.code().message());
     } catch (const RunError&) {
-        if (made_folder_ && !fs::exists(root_ / kManifestName)) remove_quietly(root_);
+        take_back_folder();
         throw;
     }
+}
+
+/// After a start that failed: the folder goes if it was made for it, unless another writer, which
+/// was faster with the lock, has it now.
+void FolderWriter::take_back_folder() noexcept {
+    std::error_code error;
+    if (!made_folder_ || fs::exists(root_ / kManifestName, error) || error) return;
+    if (lock_)
+        remove_quietly(root_);
+    else
+        fs::remove(root_, error);  // empty ones only
 }
 
 void FolderWriter::refuse_foreign(bool resume) const {
@@ -120,7 +141,8 @@ void FolderWriter::keep_acknowledged_timings() {
     for (const Block& block : manifest_.blocks)
         for (const FrameRecord& frame : block.frames) text += timing_line(frame.metadata);
     const fs::path path = root_ / kTimingsName;
-    if (!fs::exists(path) || read_file(path) != text) write_file_whole(path, text);
+    if (!fs::exists(path) || read_file_within(path, kManifestByteLimit) != text)
+        write_file_whole(path, text);
     timings_file_ = File(path, O_WRONLY | O_APPEND);
     timings_byte_size_ = text.size();
 }
@@ -157,6 +179,7 @@ std::vector<FileFacts> FolderWriter::sync_block(const std::string& temporary_nam
 }
 
 void FolderWriter::append(File& file, uint64_t byte_size, const std::string& text) {
+    check_room(file.path(), byte_size + text.size());
     // A line into a file that nobody finds any more would acknowledge what is lost.
     if (!file.is_at_path())
         throw RunError(file.path().string() +
@@ -242,9 +265,11 @@ void FolderWriter::replace_tail(Block block, size_t replaced) {
     const auto first = manifest_.blocks.end() - static_cast<std::ptrdiff_t>(replaced);
     block.line_offset = first->line_offset;
     block.check_before = first->check_before;
-    std::string text = read_file(root_ / kManifestName).substr(0, block.line_offset);
+    std::string text =
+        read_file_within(root_ / kManifestName, kManifestByteLimit).substr(0, block.line_offset);
     std::string check;
     text += checked_line(block_json(schema_, block), block.check_before, &check);
+    check_room(root_ / kManifestName, text.size());
     write_file_whole(root_ / kManifestName, text);
     manifest_.last_check = check;
     manifest_file_ = File(root_ / kManifestName, O_WRONLY | O_APPEND);

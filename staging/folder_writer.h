@@ -41,6 +41,7 @@ class FolderWriter {
     void abandon() noexcept;
 
    private:
+    void take_back_folder() noexcept;
     void refuse_foreign(bool resume) const;
     void start_new(const Json& header);
     void start_resumed(const Json& header);

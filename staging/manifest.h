@@ -16,6 +16,8 @@ inline constexpr int kManifestVersion = 1;
 inline constexpr const char* kManifestName = "manifest.jsonl";
 inline constexpr const char* kTimingsName = "timings.jsonl";
 inline constexpr const char* kLockName = ".lock";
+/// Of a manifest or its timings: some two million frames.
+inline constexpr uint64_t kManifestByteLimit = uint64_t{2} << 30;
 
 /// Frames that became durable together, and the files that hold them. Immutable.
 struct Block {

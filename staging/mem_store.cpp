@@ -40,6 +40,7 @@ class MemStore {
             if (entry->frame.slot().use_count() != 1) continue;
             dropped = std::move(*entry);
             entries_.erase(entry);
+            --visible_;  // a frame is acknowledged or dropped, not both
             return true;
         }
         return false;
@@ -50,7 +51,7 @@ class MemStore {
         if (!changed_.wait_until(lock, deadline, [&] { return !entries_.empty() || ended_; }))
             throw PeerError("mem:" + name_ + ": no frame within " +
                             std::to_string(timeout.count()) +
-                            " ms; its stage is open and has published " + std::to_string(visible_));
+                            " ms; its stage is open and has shown " + std::to_string(visible_));
         if (entries_.empty()) return {};
         Frame frame = std::move(entries_.front().frame);
         entries_.pop_front();
@@ -63,6 +64,12 @@ class MemStore {
                              std::to_string(position) + "; it holds " +
                              std::to_string(entries_.size()) + " now");
         return entries_[static_cast<size_t>(position)];
+    }
+    std::vector<Frame> frames() const {
+        const std::lock_guard lock(mutex_);
+        std::vector<Frame> frames;
+        for (const Entry& entry : entries_) frames.push_back(entry.frame);
+        return frames;
     }
     std::vector<FrameRecord> records() const {
         const std::lock_guard lock(mutex_);
@@ -137,6 +144,7 @@ class MemSource final : public Source {
         return store_->at(position).record.metadata;
     }
     Frame read(int64_t position, ArenaAllocator&) override { return store_->at(position).frame; }
+    std::vector<Frame> read_all(ArenaAllocator&) override { return store_->frames(); }
     Frame next(std::chrono::milliseconds timeout, ArenaAllocator&) override {
         return store_->take(timeout);
     }

@@ -40,8 +40,8 @@ class Paver::Impl {
 
     void save(const std::string& name, int width, int height, const std::vector<float>& values) {
         const int planes = check_size(name, width, height, values.size());
-        if (has(name)) end_frame();
         check_fits(name, width, height, planes);
+        if (has(name)) end_frame();
         if (!stage_) {
             options_.width = width;
             options_.height = height;
@@ -87,15 +87,16 @@ class Paver::Impl {
                              std::to_string(height) + ", the data set is " +
                              std::to_string(options_.width) + "x" +
                              std::to_string(options_.height));
-        if (!stage_) return;
-        const int index = stage_->schema().find(name);
-        if (index < 0)
+        const auto known = std::find_if(channels_.begin(), channels_.end(),
+                                        [&](const Channel& c) { return c.name == name; });
+        if (known == channels_.end()) {
+            if (!stage_) return;
             throw UsageError("'" + name + "' was not in the first frame, which had " +
                              list_names());
-        const int expected = channels_[static_cast<size_t>(index)].planes;
-        if (planes != expected)
+        }
+        if (planes != known->planes)
             throw UsageError("'" + name + "' has " + std::to_string(planes) +
-                             " planes, before it had " + std::to_string(expected));
+                             " planes, before it had " + std::to_string(known->planes));
     }
     std::string list_names() const {
         std::string names;

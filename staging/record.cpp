@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "pave/hash.h"
+#include "staging/json.h"
 
 namespace pave {
 namespace {
@@ -63,20 +64,12 @@ int64_t get_whole(const Json& json, const char* key, int64_t low, int64_t high,
 }  // namespace
 
 Json parse_json(std::string_view text) {
-    struct TooDeep {};
-    constexpr int kDeepest =
-        8;  // copies and dumps recurse: a line of brackets must not end the process
     try {
-        return Json::parse(
-            text,
-            [](int depth, Json::parse_event_t, Json&) {
-                if (depth > kDeepest) throw TooDeep();
-                return true;
-            },
-            false);
-    } catch (const TooDeep&) {
-        return Json(Json::value_t::discarded);
+        return parse_shallow_json<Json>(text);
+    } catch (const InputError&) {
+    } catch (const Json::exception&) {
     }
+    return Json(Json::value_t::discarded);
 }
 
 ChannelMeaning channel_meaning(const Channel& channel) {
@@ -141,8 +134,10 @@ Json to_json(const FrameSchema& schema, const FrameRecord& record) {
               {"world_from_camera", m.view.world_from_camera},
               {"fov_x_degrees", m.view.fov_x_degrees},
               {"spp", m.spp},
-              {"max_depth", m.max_depth},
-              {"seed", m.seed}};
+              {"max_depth", m.max_depth}};
+    // Left out at 0: data sets made before there was this key keep their content hash.
+    if (m.rr_depth != 0) json["rr_depth"] = m.rr_depth;
+    json["seed"] = m.seed;
     for_each_text(m, [&](const char* key, const std::string& text) { json[key] = text; });
     Json hashes = Json::object();
     for (size_t i = 0; i < record.channel_hashes.size(); ++i)
@@ -185,6 +180,8 @@ FrameRecord record_from_json(const Json& json, const FrameSchema& schema,
     m.view.fov_x_degrees = get<float>(json, "fov_x_degrees", where);
     m.spp = static_cast<int>(get_whole(json, "spp", INT32_MIN, INT32_MAX, where));
     m.max_depth = static_cast<int>(get_whole(json, "max_depth", INT32_MIN, INT32_MAX, where));
+    if (json.contains("rr_depth"))
+        m.rr_depth = static_cast<int>(get_whole(json, "rr_depth", INT32_MIN, INT32_MAX, where));
     m.seed = get<uint64_t>(json, "seed", where);
     for_each_text(
         m, [&](const char* key, std::string& text) { text = get<std::string>(json, key, where); });

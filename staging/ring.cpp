@@ -24,7 +24,6 @@ Frame Ring::try_acquire() {
     int index = 0;
     {
         const std::lock_guard lock(mutex_);
-        woken_ = false;
         if (free_.empty()) return {};
         index = free_.back();
         free_.pop_back();
@@ -37,9 +36,10 @@ Frame Ring::try_acquire() {
         &slot, [ring = shared_from_this()](Slot* freed) { ring->give_back(freed->index); }));
 }
 
-bool Ring::wait_for_free(Clock::time_point deadline) {
+void Ring::wait_for_free(Clock::time_point deadline) {
     std::unique_lock lock(mutex_);
-    return changed_.wait_until(lock, deadline, [&] { return !free_.empty() || woken_; });
+    changed_.wait_until(lock, deadline, [&] { return !free_.empty() || woken_; });
+    woken_ = false;
 }
 
 void Ring::wake() {

@@ -24,8 +24,8 @@ class Ring : public std::enable_shared_from_this<Ring> {
 
     /// A free slot with fresh metadata, owned by the producer; an empty frame when there is none.
     Frame try_acquire();
-    /// Waits until a slot is free or wake() is called; false on the deadline.
-    bool wait_for_free(Clock::time_point deadline);
+    /// Waits until a slot is free, wake() was called since the last wait ended, or the deadline.
+    void wait_for_free(Clock::time_point deadline);
     void wake();
 
     /// True if `frame` is a slot of this ring in `state`.

@@ -25,4 +25,11 @@ std::unique_ptr<Source> Source::open(const std::string& uri, bool allow_unfinish
     return open_bp_source(place.rest, allow_unfinished);
 }
 
+std::vector<Frame> Source::read_all(ArenaAllocator& allocator) {
+    std::vector<Frame> frames;
+    for (int64_t position = 0; position < frame_count(); ++position)
+        frames.push_back(read(position, allocator));
+    return frames;
+}
+
 }  // namespace pave

@@ -3,6 +3,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "pave/stage.h"
 
+#include <algorithm>
 #include <atomic>
 #include <cstdio>
 #include <exception>
@@ -17,6 +18,10 @@ namespace pave {
 namespace {
 
 using Clock = std::chrono::steady_clock;
+
+// A reader that lets go of a frame that the sink retains frees no slot, so nobody is woken, but
+// drop-oldest may take the frame from then on: acquire looks again this often.
+constexpr std::chrono::milliseconds kDropInterval(20);
 
 FrameSchema make_schema(const StageOptions& options) {
     return options.custom_channels.empty()
@@ -63,6 +68,7 @@ class Stage::Impl {
         const auto begin = Clock::now();
         const auto deadline = begin + options_.timeout;
         for (;;) {
+            const auto now = Clock::now();
             flusher_->check();
             if (Frame frame = ring_->try_acquire()) {
                 frame.metadata().index = next_index_;
@@ -71,15 +77,17 @@ class Stage::Impl {
                                          "frame " + std::to_string(next_index_));
                 return frame;
             }
-            if (options_.policy == QueuePolicy::kDropOldest && flusher_->drop_oldest()) {
+            const bool drops = options_.policy == QueuePolicy::kDropOldest;
+            if (drops && flusher_->drop_oldest()) {
                 ++dropped_;
                 continue;
             }
-            if (!ring_->wait_for_free(deadline)) throw_no_slot();
+            if (now >= deadline) throw_no_slot();
+            ring_->wait_for_free(drops ? std::min(deadline, now + kDropInterval) : deadline);
         }
     }
 
-    void publish(Frame frame) {
+    bool publish(Frame frame) {
         check_open();
         const auto begin = Clock::now();
         if (!ring_->is_in(frame, SlotState::kProducer))
@@ -94,12 +102,13 @@ class Stage::Impl {
         if (options_.policy == QueuePolicy::kDropNewest && ring_->free_slots() == 0) {
             ring_->set_state(frame, SlotState::kShared);
             ++dropped_;
-            return;
+            return false;
         }
         ring_->set_state(frame, SlotState::kQueued);
         flusher_->push(std::move(frame));
         if (options_.trace)
             options_.trace->span("publish", begin, Clock::now(), "frame " + std::to_string(index));
+        return true;
     }
 
     void flush() {
@@ -171,7 +180,7 @@ Stage& Stage::operator=(Stage&& other) noexcept {
 
 const FrameSchema& Stage::schema() const { return impl_->schema(); }
 Frame Stage::acquire() { return impl_->acquire(); }
-void Stage::publish(Frame frame) { impl_->publish(std::move(frame)); }
+bool Stage::publish(Frame frame) { return impl_->publish(std::move(frame)); }
 void Stage::flush() { impl_->flush(); }
 void Stage::close() { impl_->close(true); }
 void Stage::abandon() { impl_->close(false); }

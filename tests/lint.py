@@ -57,12 +57,26 @@ def files() -> list[Path]:
     return [ROOT / name for name in listed.stdout.splitlines() if (ROOT / name).is_file()]
 
 
+# The licence line holds nothing but its comment's mark before the tag, and is near the top.
+LICENCE = re.compile(r"^\s*(//|/?\*|#)?\s*SPDX-License-Identifier: \S+")
+HEAD = 5
+
+
+def broken_licence(name: str, lines: list[str]) -> list[str]:
+    tagged = [n for n, line in enumerate(lines[:HEAD], 1) if "SPDX-License-Identifier" in line]
+    if not tagged and Path(name).suffix in CODE:
+        return [f"{name}:1: no SPDX-License-Identifier in the first lines"]
+    return [
+        f"{name}:{n}: the licence line begins with other text: {lines[n - 1].strip()[:80]}"
+        for n in tagged
+        if not LICENCE.match(lines[n - 1])
+    ]
+
+
 def broken_rules(name: str, text: str) -> list[str]:
     """Findings 'file:line: why' of one file."""
-    found = []
     lines = text.splitlines()
-    if Path(name).suffix in CODE and not any("SPDX-License-Identifier" in x for x in lines[:5]):
-        found.append(f"{name}:1: no SPDX-License-Identifier in the first lines")
+    found = broken_licence(name, lines)
     for number, line in enumerate(lines, 1):
         for pattern, where, why in RULES:
             if name.startswith(where) and re.search(pattern, line):

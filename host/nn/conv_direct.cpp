@@ -7,9 +7,8 @@
 namespace pave::nn {
 namespace {
 
-constexpr int kTilePixels = 6;  // NN_PIXELS
-constexpr int64_t kItemWork =
-    1 << 20;  // multiply-adds an item should have: some 20 us, much above its launch
+// Multiply-adds an item should have: some 20 us, much above its launch.
+constexpr int64_t kItemWork = 1 << 20;
 constexpr int kItemsPerUnit = 16;  // but so many items for each compute unit, to balance
 
 int ceil_div(int a, int b) { return (a + b - 1) / b; }
@@ -94,9 +93,9 @@ class DirectConv : public Conv {
     }
 
     void choose_items(int pixels, int64_t taps, size_t phases) {
-        const int tiles = ceil_div(pixels, kTilePixels);
+        const int tiles = ceil_div(pixels, Runtime::kTilePixels);
         const int blocks = ceil_div(s_.out_channels, tile_channels_);
-        const int64_t tile_work = kTilePixels * tile_channels_ * taps * s_.in_channels;
+        const int64_t tile_work = Runtime::kTilePixels * tile_channels_ * taps * s_.in_channels;
         int64_t tiles_per_item = std::max<int64_t>(1, kItemWork / tile_work);
         const int64_t all = static_cast<int64_t>(tiles) * blocks * static_cast<int64_t>(phases);
         const int64_t fair = all / (kItemsPerUnit * runtime_.compute_units());

@@ -13,8 +13,8 @@
 namespace pave::nn {
 namespace {
 
-constexpr size_t kColumnByteLimit =
-    size_t{16} << 20;  // of columns at a time: fits the last-level cache of a CPU
+// Of columns, and of products, at a time: fits the last-level cache of a CPU.
+constexpr size_t kChunkByteLimit = size_t{16} << 20;
 
 size_t ceil_div(size_t a, size_t b) { return (a + b - 1) / b; }
 
@@ -81,9 +81,7 @@ class GemmConv : public Conv {
         for (size_t i = 0; i < geometry_.phases.size(); ++i) {
             const Phase& phase = geometry_.phases[i];
             const int pixels = phase.grid_w * phase.grid_h;
-            const size_t depth = depth_of(phase);
-            const int chunk = static_cast<int>(std::clamp<size_t>(
-                kColumnByteLimit / (std::max<size_t>(depth, 1) * sizeof(float)), 1, 1 << 20));
+            const int chunk = chunk_of(phase);
             for (int first = 0; first < pixels; first += chunk)
                 enqueue_chunk(arena, i, first, std::min(chunk, pixels - first));
         }
@@ -97,11 +95,8 @@ class GemmConv : public Conv {
             if (pixels_of(i) * row_work(i) > pixels_of(largest) * row_work(largest)) largest = i;
         }
         const int64_t row = std::max<int64_t>(1, row_work(largest));
-        const int64_t limit = std::min<int64_t>(
-            pixels_of(largest),
-            static_cast<int64_t>(kColumnByteLimit /
-                                 (depth_of(geometry_.phases[largest]) * sizeof(float) + 1)) +
-                1);
+        const int64_t limit =
+            std::min<int64_t>(pixels_of(largest), chunk_of(geometry_.phases[largest]));
         const int64_t pixels = std::clamp<int64_t>(multiply_adds / row, 1, limit);
         enqueue_chunk(arena, largest, 0, static_cast<int>(pixels));
         return static_cast<double>(pixels * row) / static_cast<double>(std::max<int64_t>(1, all));
@@ -117,6 +112,13 @@ class GemmConv : public Conv {
     }
     size_t depth_of(const Phase& phase) const {
         return phase.taps.size() * static_cast<size_t>(site_.node->weight_in_channels);
+    }
+
+    /// Pixels whose columns and whose products stay within kChunkByteLimit each.
+    int chunk_of(const Phase& phase) const {
+        const size_t row = std::max(depth_of(phase), static_cast<size_t>(site_.node->out_channels));
+        return static_cast<int>(
+            std::clamp<size_t>(kChunkByteLimit / (row * sizeof(float)), 1, 1 << 20));
     }
 
     void enqueue_chunk(const cl::Buffer& arena, size_t phase_index, int first, int pixels) {

@@ -95,4 +95,14 @@ std::vector<Extent> infer_extents(const Graph& graph, int width, int height) {
     return extents;
 }
 
+std::vector<Extent> infer_image_extents(const Graph& graph, int width, int height) {
+    std::vector<Extent> extents = infer_extents(graph, width, height);
+    const Extent& result = extents[static_cast<size_t>(graph.result)];
+    if (result != Extent{graph.output_channels, height, width})
+        fail(graph, graph.nodes[static_cast<size_t>(graph.result)],
+             "the result is " + text_of(result) + " for an input of " + std::to_string(width) +
+                 " x " + std::to_string(height) + ", not the output's planes at the input's size");
+    return extents;
+}
+
 }  // namespace pave::nn

@@ -10,6 +10,7 @@
 #include <cstring>
 
 #include "pave/error.h"
+#include "staging/json.h"
 
 namespace pave::nn {
 namespace {
@@ -49,7 +50,9 @@ std::vector<std::byte> read_file(const std::string& path, size_t byte_limit) {
 
 nlohmann::json parse_json(std::string_view text, const std::string& file) {
     try {
-        return nlohmann::json::parse(text);
+        return parse_shallow_json<nlohmann::json>(text);
+    } catch (const InputError& error) {
+        throw InputError(file + ": " + error.what());
     } catch (const nlohmann::json::exception& error) {
         std::string reason = error.what();
         for (char& c : reason)

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "host/nn/network.h"
 #include "host/nn/run_folder.h"
@@ -58,7 +59,6 @@ class Generator::Impl {
         : device_(device),
           schema_(std::move(run.schema)),
           weights_version_(std::move(run.weights_version)),
-          input_channels_(schema_.graph.input_channels),
           network_(device, std::move(schema_.graph), {nn::conv_policy(), 0}) {
         for (const nn::InputChannel& input : schema_.inputs) inputs_.push_back(input.channel);
     }
@@ -71,7 +71,6 @@ class Generator::Impl {
     nn::Schema schema_;
     std::string weights_version_;
     std::vector<std::string> inputs_;
-    int input_channels_;
     nn::Network network_;
 
     int padded(int size) const { return rounded_up(size, schema_.multiple); }
@@ -84,7 +83,19 @@ class Generator::Impl {
     void decode(const FrameSchema& frame, const cl::Buffer& slot, int channel);
 };
 
+/// Kernels count a slot's floats in int.
+void check_slot_size(const FrameSchema& schema) {
+    if (schema.slot_byte_size() / sizeof(float) <=
+        static_cast<size_t>(std::numeric_limits<int>::max()))
+        return;
+    throw UsageError("a frame of " + std::to_string(schema.width()) + " x " +
+                     std::to_string(schema.height()) + " with these channels has " +
+                     std::to_string(schema.slot_byte_size() >> 20) +
+                     " MiB, at most 8191 can be drawn into; use fewer channels or smaller frames");
+}
+
 void Generator::Impl::check_inputs(const Frame& frame) const {
+    check_slot_size(frame.schema());
     for (const nn::InputChannel& input : schema_.inputs) {
         const int index = frame.schema().find(input.channel);
         if (index < 0) throw UsageError("missing input: " + input.channel);
@@ -102,9 +113,10 @@ std::string Generator::Impl::output_channel(const Frame& frame) const {
     if (index < 0)
         throw UsageError("the frame has neither a channel 'drawn' nor 'color' to draw into");
     const int planes = frame.schema().channels()[static_cast<size_t>(index)].planes;
-    if (planes != schema_.output_planes)
+    const int drawn = network_.graph().output_channels;
+    if (planes != drawn)
         throw UsageError("channel " + name + " has " + std::to_string(planes) +
-                         " planes, the network draws " + std::to_string(schema_.output_planes));
+                         " planes, the network draws " + std::to_string(drawn));
     return name;
 }
 
@@ -180,7 +192,7 @@ void Generator::Impl::decode(const FrameSchema& frame, const cl::Buffer& slot, i
     s.dst_first = static_cast<int>(frame.channel_byte_offset(channel) / sizeof(float));
     s.width = frame.width();
     s.height = frame.height();
-    s.planes = schema_.output_planes;
+    s.planes = result.channels;
     s.encoded_peak = encoded_peak(schema_.peak);
     launch(device_, network_.runtime().decode(),
            cl::NDRange(groups_of(s.width, network_.runtime().lanes()),
@@ -224,12 +236,13 @@ std::vector<float> Generator::Impl::run(std::span<const float> input, int width,
     if (width < 1 || height < 1 || width > kMaxSize || height > kMaxSize)
         throw UsageError("an image of " + std::to_string(width) + " x " + std::to_string(height) +
                          ": sizes are 1 to 16384");
-    const size_t expected = static_cast<size_t>(input_channels_) * static_cast<size_t>(width) *
-                            static_cast<size_t>(height);
+    const size_t expected = static_cast<size_t>(network_.graph().input_channels) *
+                            static_cast<size_t>(width) * static_cast<size_t>(height);
     if (input.size() != expected)
         throw UsageError("the input has " + std::to_string(input.size()) +
-                         " values, the network takes " + std::to_string(input_channels_) +
-                         " planes of " + std::to_string(width) + " x " + std::to_string(height));
+                         " values, the network takes " +
+                         std::to_string(network_.graph().input_channels) + " planes of " +
+                         std::to_string(width) + " x " + std::to_string(height));
     const int padded_width = padded(width), padded_height = padded(height);
     network_.prepare(padded_width, padded_height, layers != nullptr);
     network_.write_input(pad(input, width, height, padded_width, padded_height));

@@ -41,8 +41,8 @@ struct Node {
     int scale = 1;             // upsample_nearest
     float slope = 0.0f;        // leaky_relu
     float eps = 0.0f;          // norms
-    std::vector<float>
-        weight;  // conv2d (out, in, h, w), conv_transpose2d (in, out, h, w), norms (channels)
+    // conv2d (out, in, h, w), conv_transpose2d (in, out, h, w), norms (channels).
+    std::vector<float> weight;
     std::vector<float> bias;       // empty: none
     std::vector<float> mean, var;  // batch_norm's running statistics
     int weight_in_channels = 0;    // what the weight expects, also the length of the norms' vectors
@@ -52,7 +52,7 @@ struct Node {
 struct Graph {
     std::string file;  // for errors
     std::vector<Node> nodes;
-    int input_channels = 0;
+    int input_channels = 0, output_channels = 0;
     int result = 0;  // index
 };
 
@@ -65,6 +65,8 @@ struct Extent {
 /// Output sizes of all nodes for an input of this size. Throws InputError "FILE: node 'NAME':
 /// reason" where shapes clash.
 std::vector<Extent> infer_extents(const Graph& graph, int width, int height);
+/// The same for a whole network: its result must be output_channels planes of this very size.
+std::vector<Extent> infer_image_extents(const Graph& graph, int width, int height);
 
 /// How a frame's channel becomes planes of the network's input.
 enum class Encode : int { kUnit, kSigned, kRadiance, kDepth, kPosition };
@@ -84,14 +86,12 @@ struct Schema {
     std::vector<InputChannel> inputs;
     float peak = 1.0f;  // srgb_log: f(peak) is encoded as 1
     std::string output_channel;
-    int output_planes = 0;
     int multiple = 1;  // width and height are padded to multiples of it
-    std::string weights_file, weights_hash;
     Graph graph;
 };
 
-inline constexpr int kMaxNodes =
-    1024;  // lowering is cubic in the worst case, and that stays below a second
+// Lowering is cubic in the worst case, and that stays below a second.
+inline constexpr int kMaxNodes = 1024;
 inline constexpr int kMaxChannels = 65536;
 inline constexpr int kMaxKernelExtent = 64;
 

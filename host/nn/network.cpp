@@ -50,7 +50,7 @@ void Network::prepare(int width, int height, bool layers) {
     session->height = height;
     session->layers = layers;
     session->program = lower(graph_, !layers);
-    session->layout = lay_out(graph_, session->program, infer_extents(graph_, width, height),
+    session->layout = lay_out(graph_, session->program, infer_image_extents(graph_, width, height),
                               options_.guard_byte_size);
     session->arena =
         make_buffer(device_, session->layout.memory.byte_size, "activations of the network");
@@ -182,7 +182,7 @@ void Network::write_input(std::span<const float> planes) {
 
 size_t Network::planned_byte_size(int width, int height, size_t* unplanned) const {
     const Layout layout =
-        lay_out(graph_, lower(graph_, true), infer_extents(graph_, width, height));
+        lay_out(graph_, lower(graph_, true), infer_image_extents(graph_, width, height));
     if (unplanned != nullptr) *unplanned = layout.unplanned_byte_size;
     return layout.memory.byte_size;
 }

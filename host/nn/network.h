@@ -11,8 +11,8 @@ namespace pave::nn {
 
 struct NetworkOptions {
     ConvPolicy conv_policy = ConvPolicy::kRemember;
-    size_t guard_byte_size =
-        0;  // bytes kept free after each tensor, for tests that look whether they stay untouched
+    // Kept free after each tensor, for tests that look whether it stays untouched.
+    size_t guard_byte_size = 0;
 };
 
 /// One size of image: program, layout, arena and bound convolutions.

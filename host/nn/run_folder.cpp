@@ -3,6 +3,7 @@
 #include "host/nn/run_folder.h"
 
 #include <filesystem>
+#include <map>
 
 #include "host/nn/fields.h"
 #include "host/nn/file.h"
@@ -22,35 +23,37 @@ std::string_view text_of(const std::vector<std::byte>& bytes) {
     return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
 }
 
-/// The run's manifest: {"format": "pave-run", "version": 1, "xxh3_128": {file: checksum}}. A run
-/// without one is taken as it is.
+/// The run's manifest: {"format": "pave-run", "version": 1, "xxh3_128": {file: checksum}}. No run
+/// is without one.
 class Manifest {
    public:
     explicit Manifest(const fs::path& folder) : path_((folder / kManifestName).string()) {
-        if (fs::symlink_status(path_).type() == fs::file_type::not_found) return;
         const nlohmann::json document =
             parse_json(text_of(read_file(path_, kSchemaByteLimit)), path_);
         Fields fields(document, path_);
         if (fields.text("format") != "pave-run") fields.fail("format must be 'pave-run'");
         fields.integer("version", 1, 1);
-        hashes_ = fields.any("xxh3_128");
-        if (!hashes_.is_object()) fields.fail("xxh3_128 must be an object");
+        const nlohmann::json& hashes = fields.any("xxh3_128");
+        if (!hashes.is_object()) fields.fail("xxh3_128 must be an object");
+        for (const auto& [name, hash] : hashes.items()) {
+            if (!hash.is_string()) fields.fail("the checksum of '" + shown(name) + "' is no text");
+            hashes_[name] = hash.get<std::string>();
+        }
     }
 
     /// Throws InputError if the manifest knows another checksum of `name` than `hash`, or none.
     void verify(const fs::path& file, const std::string& name, const std::string& hash) const {
-        if (hashes_.is_null()) return;
         const auto found = hashes_.find(name);
-        if (found == hashes_.end() || !found->is_string())
+        if (found == hashes_.end())
             throw InputError(path_ + ": has no checksum of " + name + "; export the run again");
-        if (found->get<std::string>() != hash)
+        if (found->second != hash)
             throw InputError(file.string() + ": checksum differs from " + path_ +
                              "; the file is damaged, export the run again");
     }
 
    private:
     std::string path_;
-    nlohmann::json hashes_;
+    std::map<std::string, std::string> hashes_;
 };
 
 }  // namespace

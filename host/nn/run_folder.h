@@ -13,9 +13,9 @@ struct Run {
     std::string weights_version;  // XXH3-128 hex of the weights file
 };
 
-/// Reads `folder`'s generator.json and the weights that it names. Nothing is parsed before its
-/// checksum was compared, where there is one: run-manifest.json's, if there is a manifest, and
-/// generator.json's for the weights. Throws InputError.
+/// Reads `folder`'s generator.json and the weights that it names. Neither is parsed before its
+/// checksum was compared with run-manifest.json's, the weights' also with generator.json's. Throws
+/// InputError.
 Run load_run(const std::string& folder);
 
 }  // namespace pave::nn

@@ -35,9 +35,11 @@ Runtime::Runtime(const Device& device)
 cl::Kernel& Runtime::direct_convolution(int block) {
     const auto found = direct_.find(block);
     if (found != direct_.end()) return found->second;
-    const cl::Program program = build_program(
-        device_, "nn_conv.cl",
-        {{"NN_LANES", conv_lanes()}, {"NN_SERIAL", serial_ ? 1 : 0}, {"NN_BLOCK", block}});
+    const cl::Program program = build_program(device_, "nn_conv.cl",
+                                              {{"NN_LANES", conv_lanes()},
+                                               {"NN_SERIAL", serial_ ? 1 : 0},
+                                               {"NN_BLOCK", block},
+                                               {"NN_PIXELS", kTilePixels}});
     return direct_.emplace(block, make_kernel(program, "nn_conv_direct")).first->second;
 }
 

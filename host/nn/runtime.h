@@ -22,6 +22,8 @@ class Runtime {
     int lanes() const { return lanes_; }
     /// Lanes of nn_conv_direct: its tile wants vectors on every device.
     int conv_lanes() const { return serial_ ? lanes_ : 4; }
+    /// Pixels of its tile.
+    static constexpr int kTilePixels = 6;
     /// Largest NN_BLOCK whose tile stays in registers.
     int largest_block() const { return lanes_ >= 16 ? 4 : 2; }
     /// True where one work-item does the work of many (CPU devices).

@@ -262,21 +262,6 @@ void read_nodes(Schema& schema, Fields& fields, std::map<std::string, Tensor>& t
         schema.graph.input_channels += input.planes * input.repeat;
 }
 
-/// The result must be an image of the input's size at every size, here at the two smallest.
-void check_result(const Schema& schema) {
-    const Graph& graph = schema.graph;
-    for (int size : {schema.multiple, 2 * schema.multiple}) {
-        const Extent extent = infer_extents(graph, size, size)[static_cast<size_t>(graph.result)];
-        if (extent == Extent{schema.output_planes, size, size}) continue;
-        throw InputError(graph.file + ": node '" +
-                         graph.nodes[static_cast<size_t>(graph.result)].name + "': the result is " +
-                         std::to_string(extent.channels) + " x " + std::to_string(extent.height) +
-                         " x " + std::to_string(extent.width) + " for an input of " +
-                         std::to_string(size) + " x " + std::to_string(size) +
-                         ", not the output's planes at the input's size");
-    }
-}
-
 void read_header(Fields& fields) {
     if (fields.text("format") != "pave-generator") fields.fail("format must be 'pave-generator'");
     const int version = fields.integer("version", 0, std::numeric_limits<int>::max());
@@ -316,14 +301,17 @@ Schema read_schema(std::string_view text, const std::string& file,
     transfer.end();
     Fields output(fields.any("output"), file + ": output");
     schema.output_channel = output.name("channel");
-    schema.output_planes = output.integer("planes", 1, 64);
+    const int output_planes = output.integer("planes", 1, 64);
     if (output.text("decode") != "radiance") output.fail("decode must be 'radiance'");
     output.end();
     schema.multiple = fields.integer("multiple", 1, 4096);
     if (fields.has("training")) fields.any("training");  // for people; nothing is drawn from it
     read_nodes(schema, fields, tensors, file);
     fields.end();
-    check_result(schema);
+    schema.graph.output_channels = output_planes;
+    // Most graphs that do not fit are told here; Network looks again at every size it is asked for.
+    for (int size : {schema.multiple, 2 * schema.multiple})
+        infer_image_extents(schema.graph, size, size);
     return schema;
 }
 

@@ -34,6 +34,7 @@ _METADATA = {
     "fov_x_degrees": float,
     "spp": int,
     "max_depth": int,
+    "rr_depth": int,
     "seed": int,
     "scene": str,
     "scene_hash": str,
@@ -69,8 +70,8 @@ def count_copy(channels: int = 1) -> None:
 class Metadata(MutableMapping[str, Any]):
     """What is known of a frame beside its pixels, as a dict of JSON values; writes go to the frame.
 
-    Keys: index, world_from_camera (16 numbers, row-major), fov_x_degrees, spp, max_depth, seed,
-    scene, scene_hash, device, driver, kernel_hash, program_version, program_commit,
+    Keys: index, world_from_camera (16 numbers, row-major), fov_x_degrees, spp, max_depth, rr_depth,
+    seed, scene, scene_hash, device, driver, kernel_hash, program_version, program_commit,
     weights_version, seconds_spent. The set of keys is fixed: an unknown one is a UsageError when
     written, a KeyError when read.
     """
@@ -267,7 +268,7 @@ class Frame:
 
     @property
     def view(self) -> View:
-        """The camera that the frame was made with."""
+        """The camera that the frame was made with; a copy, which neither changes nor holds the slot."""
         return View.from_raw(self._frame.metadata.view)
 
     @property

@@ -48,18 +48,19 @@ class _Frames:
         self._pid = os.getpid()
         self._lock = threading.Lock()
         self._source = Source(self.uri, allow_unfinished=self._allow_unfinished)
-        self._count = len(self._source)
         self.width, self.height = self._source.width, self._source.height
         self.planes = dict(self._source.planes)
         self._cache: dict[int, Frame] = {}
         if self._in_memory:
-            self._cache = {i: self._source.read(i) for i in range(self._count)}
+            self._cache = dict(enumerate(self._source.read_all()))
+        self._count = len(self._cache) if self._in_memory else len(self._source)
 
     def _here(self) -> Source:
         if os.getpid() != self._pid and not self._in_memory:
-            cache = (
-                self._cache
-            )  # the parent's pages, shared by the kernel; its files and lock are not
+            # The parent's pages are shared by the kernel; its files and lock are not, and its source
+            # is not this process's to close.
+            cache = self._cache
+            _pave.keep_forever(self._source)
             self._open()
             self._cache = cache
         return self._source

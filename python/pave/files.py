@@ -95,5 +95,5 @@ def _entries(path: Path) -> dict[str, str]:
         ):
             raise ValueError("not a manifest of a run")
         return dict(entries)
-    except (KeyError, TypeError, AttributeError, ValueError) as error:
+    except (KeyError, TypeError, AttributeError, ValueError, RecursionError) as error:
         raise InputError(f"{path}: not a manifest of a run: {error}") from error

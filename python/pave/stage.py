@@ -59,9 +59,8 @@ class Trace:
 def _let_go(stage: _pave.Stage, pid: int) -> None:
     """What becomes of a stage that nobody closed: its frames are kept, the data set stays open."""
     if os.getpid() != pid:
-        _pave.keep_forever(
-            stage
-        )  # a forked child has no background thread to end, and owns no file
+        # A forked child has no background thread to end, and owns no file.
+        _pave.keep_forever(stage)
         return
     try:
         stage.abandon()
@@ -152,10 +151,13 @@ class Stage:
         """Hands the frame to the background thread and returns at once. From here on nobody should
         write to it.
 
-        `frame` and what was made from it stay valid; they keep its slot. Raises UsageError if it is
-        not an acquired frame of this stage, or its number is not above the last one.
+        `frame` and what was made from it stay valid; they keep its slot. A frame that the policy
+        "drop-newest" drops is released here, so that its slot is free for the next one. Raises
+        UsageError if it is not an acquired frame of this stage, or its number is not above the last
+        one.
         """
-        self._here().publish(frame._frame)
+        if not self._here().publish(frame._frame):
+            frame.release()
 
     def flush(self) -> None:
         """Returns when everything published before is durable (files) or visible (mem:); the lock
@@ -276,6 +278,11 @@ class Source:
         """
         raw = raw_device_or_host(self.device)
         return Frame(self._open().read(self._checked(position), raw), self.device)
+
+    def read_all(self) -> list[Frame]:
+        """Every frame, in order; of mem: those of one moment, whoever takes or adds some meanwhile."""
+        raw = raw_device_or_host(self.device)
+        return [Frame(frame, self.device) for frame in self._open().read_all(raw)]
 
     def next(self, timeout: float = 30.0) -> Frame | None:
         """The oldest frame not yet given by next(); None when there will be no more.

@@ -12,6 +12,7 @@ import pytest
 from command import ROOT, pave
 
 import pave as library
+from pave.files import verify_manifest
 
 RUN, USAGE, INPUT, DEVICE = 1, 2, 3, 4
 TINY = ("--size", "8x8", "--spp", "1", "--max-depth", "3")
@@ -352,6 +353,23 @@ def test_weights_of_another_schema(place, changes):
     rewrite(tiny_run(place), **changes)
     outcome = pave("infer", "run", "cornell", "-o", "x.exr", "--size", "16x16", "--spp", "1")
     check_nothing(outcome, INPUT, place, files(place), "generator.json")
+
+
+def test_a_run_without_a_manifest_is_refused(place):
+    (tiny_run(place) / "run-manifest.json").unlink()
+    outcome = pave("infer", "run", "cornell", "-o", "x.exr", "--size", "16x16", "--spp", "1")
+    check_nothing(outcome, INPUT, place, files(place), "run-manifest.json")
+
+
+def test_a_deeply_nested_manifest_is_refused(place):
+    """Parsers and copies of JSON recurse: neither the library nor the package may fall over it."""
+    run = tiny_run(place)
+    deep = '{"format": "pave-run", "version": 1, "xxh3_128": %s}' % ("[" * 200_000 + "]" * 200_000)
+    (run / "run-manifest.json").write_text(deep)
+    with pytest.raises(library.InputError, match=r"run-manifest\.json"):
+        verify_manifest(run, ["generator.json"])
+    outcome = pave("infer", "run", "cornell", "-o", "x.exr", "--size", "16x16", "--spp", "1")
+    check_nothing(outcome, INPUT, place, files(place), "run-manifest.json")
 
 
 def test_no_weights(place):

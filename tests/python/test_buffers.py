@@ -291,10 +291,11 @@ def test_metadata_is_a_dict_of_json_values(stage):
     metadata["scene"] = "cornell"
     metadata["seed"] = 2**64 - 1
     metadata["fov_x_degrees"] = 30
-    metadata.update(spp=64, max_depth=50)
+    metadata.update(spp=64, max_depth=50, rr_depth=5)
     plain = json.loads(json.dumps(dict(frame.metadata)))
     assert plain["seed"] == 2**64 - 1
-    assert (plain["scene"], plain["spp"], plain["max_depth"]) == ("cornell", 64, 50)
+    assert (plain["scene"], plain["spp"]) == ("cornell", 64)
+    assert (plain["max_depth"], plain["rr_depth"]) == (50, 5)
     assert len(plain["world_from_camera"]) == 16
     assert frame.view.fov == 30
     for wrong in ({"colour": 1}, {"spp": "many"}, {"spp": 2**40}, {"world_from_camera": [1, 2]}):
@@ -304,6 +305,20 @@ def test_metadata_is_a_dict_of_json_values(stage):
         metadata["colour"]
     with pytest.raises(pave.UsageError):
         del metadata["spp"]
+
+
+def test_a_frames_view_is_a_copy(stage):
+    """It neither changes with the next frame in the slot nor holds the slot, of which there is one."""
+    frame = stage.acquire()
+    frame.metadata["fov_x_degrees"] = 30
+    view = frame.view
+    matrix = view.matrix
+    frame.release()
+    frame = stage.acquire()
+    frame.metadata.update(fov_x_degrees=50, world_from_camera=range(16))
+    assert view.fov == 30
+    np.testing.assert_array_equal(view.matrix, matrix)
+    assert frame.view.fov == 50
 
 
 def test_readers_in_threads_see_whole_frames(device):

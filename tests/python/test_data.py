@@ -6,6 +6,7 @@ SPDX-License-Identifier: BSD-3-Clause
 from __future__ import annotations
 
 import hashlib
+import threading
 from multiprocessing.reduction import ForkingPickler  # what hands objects to spawned workers
 from pathlib import Path
 
@@ -30,7 +31,9 @@ def fill(frame: pave.Frame, index: int) -> None:
         generator = np.random.Generator(np.random.PCG64([index, number]))
         frame[name].numpy()[:] = generator.normal(0, 10, frame[name].shape).astype(np.float32)
     frame["depth"].numpy()[0, :2] = np.inf
-    frame.metadata.update(index=index, scene="made-up", seed=2**63 + index, spp=index + 1)
+    frame.metadata.update(
+        index=index, scene="made-up", seed=2**63 + index, spp=index + 1, rr_depth=index
+    )
 
 
 def write(uri: str, frames: int = FRAMES, **options) -> pave.Stage:
@@ -103,6 +106,7 @@ def test_same_metadata_and_content_hash_from_every_place(places, place):
             assert first == dict(other.metadata(3))
             assert source.content_hash == other.content_hash
         assert first["seed"] == 2**63 + 3
+        assert first["rr_depth"] == 3
         assert dict(source.read(3).metadata) == first
         assert source.finished == (place != "mem")
     with pytest.raises(pave.UsageError, match="closed"):
@@ -231,6 +235,53 @@ def test_forked_workers_give_the_same_samples(places, place):
         assert digest(loader) == expected()
     assert digest(parent) == digest(dataset[i] for i in range(3))
     assert digest(dataset) == expected()
+
+
+def test_workers_are_forked_while_others_read(places):
+    """A fork in the middle of another thread's call into ADIOS2 leaves its worker able to read."""
+    done = threading.Event()
+
+    def read() -> None:
+        while not done.is_set():
+            with pave.Source(places["bp"]) as source:
+                source.read(0)
+
+    reader = threading.Thread(target=read)
+    reader.start()
+    try:
+        for _ in range(5):
+            dataset = pave.Dataset(places["bp"], NAMES)
+            first = dataset[0]  # so that the workers inherit files that the parent has open
+            loader = torch.utils.data.DataLoader(
+                dataset, batch_size=None, num_workers=2, multiprocessing_context="fork", timeout=25
+            )
+            assert digest(loader) == expected()
+            assert first
+    finally:
+        done.set()
+        reader.join()
+
+
+def test_opening_sees_one_moment_of_a_store_that_others_take_from():
+    stage = pave.Stage(None, "mem:taken", width=4, height=4, channels=["depth"], slots=2000)
+    for _ in range(2000):
+        frame = stage.acquire()
+        stage.publish(frame)
+        frame.release()
+    stage.close()
+
+    def take() -> None:
+        with pave.Source("mem:taken") as source:
+            while source.next(timeout=20) is not None:
+                pass
+
+    taker = threading.Thread(target=take)
+    taker.start()
+    while count := len(dataset := pave.Dataset("mem:taken")):
+        indices = [dataset.metadata(i)["index"] for i in range(count)]
+        assert indices == list(range(2000 - count, 2000))
+        del dataset
+    taker.join()
 
 
 @pytest.mark.parametrize("place", ["bp", "exr"])

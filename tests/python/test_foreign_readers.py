@@ -35,7 +35,9 @@ def write(uri: str, **options) -> None:
             frame = stage.acquire()
             for channel in CHANNELS:
                 frame[channel].numpy()[:] = pixels(index, channel)
-            frame.metadata.update(seed=2**64 - 1 - index, spp=64, scene=f"scene {index}")
+            frame.metadata.update(
+                seed=2**64 - 1 - index, spp=64, rr_depth=5, scene=f"scene {index}"
+            )
             stage.publish(frame)
             frame.release()
 
@@ -52,6 +54,7 @@ def test_adios2_reads_shards(tmp_path):
                 for channel in CHANNELS:
                     np.testing.assert_array_equal(file.read(channel, **at), pixels(index, channel))
                 assert file.read("frame/index", **at) == index
+                assert file.read("frame/rr_depth", **at) == 5
                 assert file.read("frame/seed", **at) == [2**64 - 1 - index]
                 assert file.read("frame/scene", **at) == f"scene {index}"
                 index += 1
@@ -86,6 +89,7 @@ def test_openexr_reads_every_spelling(tmp_path, names, color, albedo, normal, de
             header = file.header()
             assert header["pave.seed"] == str(2**64 - 1 - index)
             assert header["pave.spp"] == 64
+            assert header["pave.rr_depth"] == 5
             assert header["compression"] == OpenEXR.ZIPS_COMPRESSION
 
 

@@ -55,6 +55,34 @@ def test_a_source_without_licence_line_is_found():
     ]
 
 
+@pytest.mark.parametrize(
+    ("name", "line"),
+    [
+        ("host/a.cpp", "// A file. SPDX-License-Identifier: BSD-3-Clause"),
+        ("kernels/a.cl", "int a; // SPDX-License-Identifier: BSD-3-Clause"),
+        ("python/pave/a.py", '"""A file. SPDX-License-Identifier: BSD-3-Clause'),
+        ("a.cmake", "# A file. SPDX-License-Identifier: BSD-3-Clause"),
+    ],
+)
+def test_text_before_the_licence_is_found(name, line):
+    found = lint.broken_rules(name, f"\n{line}\n")
+    assert len(found) == 1
+    assert found[0].startswith(f"{name}:2: the licence line")
+
+
+@pytest.mark.parametrize(
+    ("name", "line"),
+    [
+        ("tests/a.c", "/* SPDX-License-Identifier: BSD-3-Clause */"),
+        ("tests/a.c", " * SPDX-License-Identifier: BSD-3-Clause"),
+        ("python/pave/a.py", "SPDX-License-Identifier: BSD-3-Clause"),
+        ("pave", "# SPDX-License-Identifier: BSD-3-Clause"),
+    ],
+)
+def test_a_licence_line_of_its_own_passes(name, line):
+    assert lint.broken_rules(name, f"\n{line}\n") == []
+
+
 def test_the_list_of_files_holds_this_one_and_no_build():
     names = {path.relative_to(lint.ROOT).as_posix() for path in lint.files()}
     assert "tests/python/test_lint.py" in names

@@ -85,6 +85,21 @@ def test_drop_policies():
         assert source.metadata(len(source) - 1)["index"] == 8
 
 
+def test_drop_newest_lets_go_of_what_it_dropped():
+    """Without release(): the loop's own variable must not hold the slot that the next acquire() needs."""
+    with open_stage("mem:busy", slots=2, policy="drop-newest", timeout=5) as stage:
+        for index in range(6):
+            frame = stage.acquire()
+            kept = frame["color"].numpy()
+            kept[:] = index
+            del kept
+            stage.publish(frame)
+        with pytest.raises(pave.UsageError, match="released"):
+            frame["color"]
+        stage.flush()
+        assert (stage.published, stage.acknowledged, stage.dropped) == (6, 1, 5)
+
+
 def test_next_takes_frames_in_order_and_ends():
     stage = open_stage("mem:next", slots=4)
     publish(stage, 4)

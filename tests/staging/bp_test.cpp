@@ -3,8 +3,12 @@
 #include <adios2.h>
 #include <gtest/gtest.h>
 #include <malloc.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
+#include <atomic>
 #include <optional>
+#include <thread>
 
 #include "tests/staging/helpers.h"
 
@@ -38,8 +42,9 @@ TEST_F(BpTest, ShardsFollowFrameNumbers) {
     std::vector<std::string> shards;
     for (const std::string& file : list_files(folder / "data.bp"))
         if (file.ends_with("/data.0")) shards.push_back(file.substr(0, file.find('/')));
-    EXPECT_EQ(shards, (std::vector<std::string>{"frames-00000001.bp", "frames-00000005.bp",
-                                                "frames-00000008.bp", "frames-00000020-1.bp"}));
+    // Without its count where the last frame is the shard's last.
+    EXPECT_EQ(shards, (std::vector<std::string>{"frames-00000001-2.bp", "frames-00000005.bp",
+                                                "frames-00000008-1.bp", "frames-00000020-1.bp"}));
     const auto source = Source::open(uri("data.bp"));
     EXPECT_EQ(difference(source->read(3), 7), "");
     EXPECT_EQ(source->metadata(5).index, 20);
@@ -91,6 +96,36 @@ TEST_F(BpTest, ResumedRunEqualsAnUnbrokenOne) {
             << "stopped at " << stop;
         EXPECT_EQ(check_data_set(uri(name), 22), "");
     }
+}
+
+TEST_F(BpTest, ResumeFillsAGapThatEndedAShard) {
+    for (const bool is_killed : {false, true}) {
+        const std::string name = is_killed ? "killed.bp" : "whole.bp";
+        {
+            Stage stage(uri(name), small_options());
+            for (const int64_t index : {0, 1, 2, 3, 4, 5, 8}) {
+                if (!is_killed && index == 8) publish_frames(stage, 6, 8);
+                publish_frames(stage, index, index + 1);
+            }
+            stage.abandon();
+        }
+        StageOptions options = small_options();
+        options.resume = true;
+        if (is_killed) {
+            // As killed after the shard of 4 and 5, which 8 had ended, became durable.
+            const std::string text = read_text(folder / name / "manifest.jsonl");
+            const size_t line = text.find("{\"block\":\"frames-00000008");
+            ASSERT_NE(line, std::string::npos);
+            write_text(folder / name / "manifest.jsonl", text.substr(0, line));
+            Stage stage(uri(name), options);
+            EXPECT_EQ(stage.first_index(), 6);
+            publish_frames(stage, 6, 9);
+            stage.abandon();
+        }
+        write_data_set(uri(name), 12, options);
+        EXPECT_EQ(check_data_set(uri(name), 12), "");
+    }
+    EXPECT_EQ(folder_difference(folder / "whole.bp", folder / "killed.bp"), "");
 }
 
 TEST_F(BpTest, ResumeCleansUpWhatWasNotAcknowledged) {
@@ -185,6 +220,57 @@ TEST_F(BpTest, ASecondWriterIsKeptOut) {
     EXPECT_EQ(check_data_set(uri("data.bp"), 5), "");
 }
 
+TEST_F(BpTest, OneOfTwoWritersThatStartTogetherWins) {
+    for (int round = 0; round < 50; ++round) {
+        const std::string name = "race-" + std::to_string(round);
+        std::atomic<int> ready{0}, winners{0};
+        const auto start = [&] {
+            ++ready;
+            while (ready < 2) continue;
+            try {
+                Stage stage(uri(name), small_options());
+                ++winners;
+                publish_frames(stage, 0, 2);
+                stage.close();
+            } catch (const UsageError&) {  // it exists
+            } catch (const RunError& error) {
+                EXPECT_NE(std::string(error.what()).find("another writer"), std::string::npos)
+                    << error.what();
+            }
+        };
+        std::thread other(start);
+        start();
+        other.join();
+        EXPECT_EQ(winners, 1);
+        ASSERT_EQ(check_data_set(uri(name), 2), "");
+    }
+}
+
+TEST_F(BpTest, AForkedChildReadsWhileItsParentIsInAdios2) {
+    write_data_set(uri("data.bp"), 8);
+    std::atomic<bool> is_done{false};
+    std::thread reader([&] {
+        while (!is_done) EXPECT_EQ(check_data_set(uri("data.bp"), 8), "");
+    });
+    for (int round = 0; round < 30 && !HasFailure(); ++round) {
+        const pid_t pid = fork();
+        if (pid == 0) {
+            alarm(60);
+            int status = 1;
+            try {
+                status = check_data_set(uri("data.bp"), 8).empty() ? 0 : 1;
+            } catch (const std::exception&) {
+            }
+            _exit(status);
+        }
+        int status = 0;
+        waitpid(pid, &status, 0);
+        EXPECT_EQ(status, 0) << "fork " << round;
+    }
+    is_done = true;
+    reader.join();
+}
+
 TEST_F(BpTest, UnfinishedDataAreReadOnRequestOnly) {
     Stage stage(uri("data.bp"), small_options());
     publish_frames(stage, 0, 4);
@@ -217,6 +303,42 @@ TEST_F(BpTest, NextGivesFramesInOrderThenNothing) {
         EXPECT_EQ(difference(source->next(std::chrono::seconds(1)), index), "");
     EXPECT_FALSE(source->next(std::chrono::seconds(1)));
     EXPECT_THROW(source->read(3), UsageError);
+}
+
+TEST_F(BpTest, AShardThatIsOpenedAgainIsVerifiedAgain) {
+    StageOptions options = small_options();
+    options.frames_per_shard = 1;
+    write_data_set(uri("data.bp"), 70, options);
+    const auto source = Source::open(uri("data.bp"));
+    for (int64_t index = 0; index < 70; ++index)  // more than a source keeps open
+        ASSERT_EQ(difference(source->read(index), index), "");
+    const fs::path path = folder / "data.bp/frames-00000000.bp/md.0";
+    std::string text = read_text(path);
+    const size_t at = text.find("row-major");  // what no pixel depends on
+    ASSERT_NE(at, std::string::npos);
+    text[at] = 'R';
+    write_text(path, text);
+    EXPECT_THROW(source->read(0), InputError);
+    EXPECT_EQ(difference(source->read(69), 69), "");  // still open
+}
+
+TEST_F(BpTest, RouletteDepthOfZeroIsThatOfOlderData) {
+    // Data sets from before this key have none; their content hash must stay what it was.
+    StageOptions options = small_options();
+    Stage stage(uri("data.bp"), options);
+    for (const int rr_depth : {0, 7}) {
+        Frame frame = stage.acquire();
+        frame.metadata().rr_depth = rr_depth;
+        stage.publish(std::move(frame));
+    }
+    stage.close();
+    const std::string manifest = read_text(folder / "data.bp/manifest.jsonl");
+    const size_t key = manifest.find("\"rr_depth\"");
+    EXPECT_EQ(manifest.substr(key, 13), "\"rr_depth\":7,");
+    EXPECT_EQ(manifest.find("\"rr_depth\"", key + 1), std::string::npos);
+    const auto source = Source::open(uri("data.bp"));
+    EXPECT_EQ(source->metadata(0).rr_depth, 0);
+    EXPECT_EQ(source->metadata(1).rr_depth, 7);
 }
 
 TEST_F(BpTest, CustomChannelsAndOddSizes) {
@@ -254,6 +376,11 @@ TEST_F(BpTest, AnyAdios2ReaderUnderstandsAShard) {
         uint64_t value = 0;
         engine.Get(seed, value, adios2::Mode::Sync);
         EXPECT_EQ(value, 0xFFFFFFFFFFFFFFF0ull - step);
+        auto rr_depth = io.InquireVariable<int32_t>("frame/rr_depth");
+        rr_depth.SetStepSelection({step, 1});
+        int32_t depth = -1;
+        engine.Get(rr_depth, depth, adios2::Mode::Sync);
+        EXPECT_EQ(depth, static_cast<int32_t>(step % 4));
         auto scene = io.InquireVariable<std::string>("frame/scene");
         scene.SetStepSelection({step, 1});
         std::string name;

@@ -5,6 +5,7 @@
 #include <OpenEXR/ImfChannelList.h>
 #include <OpenEXR/ImfFrameBuffer.h>
 #include <OpenEXR/ImfInputFile.h>
+#include <OpenEXR/ImfIntAttribute.h>
 #include <OpenEXR/ImfMatrixAttribute.h>
 #include <OpenEXR/ImfStandardAttributes.h>
 #include <OpenEXR/ImfStringAttribute.h>
@@ -115,6 +116,7 @@ TEST_F(ExrTest, OtherProgramsReadPixelsAndAttributes) {
     EXPECT_EQ(header.typedAttribute<Imf::StringAttribute>("pave.scene").value(), "cornell xxxxxx");
     EXPECT_EQ(header.typedAttribute<Imf::StringAttribute>("pave.seed").value(),
               std::to_string(0xFFFFFFFFFFFFFFF0ull - 6));
+    EXPECT_EQ(header.typedAttribute<Imf::IntAttribute>("pave.rr_depth").value(), 2);
     EXPECT_EQ(header.typedAttribute<Imf::M44fAttribute>("pave.world_from_camera").value()[1][2],
               0.1f * 6 - 2.0f);
     EXPECT_EQ(header.typedAttribute<Imf::StringAttribute>("pave.depth.unit").value(), "scene unit");

@@ -61,6 +61,7 @@ FrameMetadata metadata_of(int64_t index) {
     m.view.fov_x_degrees = 39.3077f;
     m.spp = 64 + static_cast<int>(index);
     m.max_depth = 50;
+    m.rr_depth = static_cast<int>(index % 4);  // 0 too: it is stored by being left out
     m.seed = 0xFFFFFFFFFFFFFFF0ull - static_cast<uint64_t>(index);
     m.scene = "cornell " + std::string(static_cast<size_t>(index % 9), 'x');
     m.scene_hash = "0123456789abcdef0123456789abcdef";
@@ -75,10 +76,10 @@ FrameMetadata metadata_of(int64_t index) {
 
 bool same_identity(const FrameMetadata& a, const FrameMetadata& b) {
     return a.index == b.index && a.view == b.view && a.spp == b.spp && a.max_depth == b.max_depth &&
-           a.seed == b.seed && a.scene == b.scene && a.scene_hash == b.scene_hash &&
-           a.device == b.device && a.driver == b.driver && a.kernel_hash == b.kernel_hash &&
-           a.program_version == b.program_version && a.program_commit == b.program_commit &&
-           a.weights_version == b.weights_version;
+           a.rr_depth == b.rr_depth && a.seed == b.seed && a.scene == b.scene &&
+           a.scene_hash == b.scene_hash && a.device == b.device && a.driver == b.driver &&
+           a.kernel_hash == b.kernel_hash && a.program_version == b.program_version &&
+           a.program_commit == b.program_commit && a.weights_version == b.weights_version;
 }
 
 }  // namespace

@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <gtest/gtest.h>
 
+#include <chrono>
 #include <functional>
 #include <random>
 #include <sstream>
@@ -114,6 +115,33 @@ TEST_P(IntegrityTest, MissingZeroedAndSwappedFilesAreSeen) {
             fs::remove(data() / file);
         }
         write_text(data() / file, good);
+    }
+    EXPECT_EQ(read_all(), "");
+}
+
+TEST_P(IntegrityTest, BlocksThatAreLinksAreRefused) {
+    for (const fs::directory_entry& entry : fs::directory_iterator(data())) {
+        const fs::path path = entry.path();
+        if (!path.filename().string().starts_with("frame")) continue;
+        fs::rename(path, folder / "elsewhere");
+        fs::create_symlink(folder / "elsewhere", path);
+        EXPECT_EQ(read_all(), "damage") << path;
+        fs::remove(path);
+        fs::rename(folder / "elsewhere", path);
+    }
+    EXPECT_EQ(read_all(), "");
+}
+
+TEST_P(IntegrityTest, AbsurdlyLongFilesAreRefusedBeforeTheyAreRead) {
+    // A hole of a terabyte takes no disk, but minutes to hash and all memory to hold.
+    for (const std::string& file : list_files(data())) {
+        if (file == ".lock") continue;
+        const uintmax_t byte_size = fs::file_size(data() / file);
+        fs::resize_file(data() / file, uintmax_t{1} << 40);
+        const auto begin = std::chrono::steady_clock::now();
+        EXPECT_EQ(read_all(), "damage") << file;
+        EXPECT_LT(std::chrono::steady_clock::now() - begin, std::chrono::seconds(20)) << file;
+        fs::resize_file(data() / file, byte_size);
     }
     EXPECT_EQ(read_all(), "");
 }

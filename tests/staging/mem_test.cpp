@@ -78,6 +78,50 @@ TEST(Mem, DropOldestKeepsTheNewestWindow) {
     EXPECT_GE(count, 3);
     for (int64_t i = 0; i < count; ++i) EXPECT_EQ(difference(source->read(i), 30 - count + i), "");
     EXPECT_EQ(stage.dropped(), 30 - count);
+    EXPECT_EQ(stage.published(), stage.acknowledged() + stage.dropped());
+}
+
+TEST(Mem, DropOldestTakesAFrameWhenItsReadersLetGo) {
+    StageOptions options = small_options();
+    options.policy = QueuePolicy::kDropOldest;
+    options.timeout = std::chrono::seconds(10);
+    Stage stage("mem:held", options);
+    publish_frames(stage, 0, 4);
+    stage.flush();
+    auto held = Source::open("mem:held")->read_all();
+    ASSERT_EQ(held.size(), 4u);
+    std::thread reader([&] {
+        std::this_thread::sleep_for(milliseconds(100));
+        held.clear();  // no slot comes free by that: the store has them all
+    });
+    const auto begin = std::chrono::steady_clock::now();
+    EXPECT_TRUE(stage.acquire());
+    EXPECT_LT(std::chrono::steady_clock::now() - begin, std::chrono::seconds(5));
+    reader.join();
+}
+
+TEST(Mem, ReadAllIsOfOneMoment) {
+    constexpr int64_t kFrames = 3000;
+    StageOptions options = small_options();
+    options.width = options.height = 4;
+    options.slots = kFrames;
+    Stage stage("mem:moment", options);
+    publish_frames(stage, 0, kFrames);
+    stage.close();
+    const auto source = Source::open("mem:moment");
+    std::thread taker([] {
+        const auto other = Source::open("mem:moment");
+        while (other->next(std::chrono::seconds(20))) continue;
+    });
+    int partial = 0;
+    for (std::vector<Frame> frames; source->frame_count() > 0;) {
+        frames = source->read_all();
+        for (size_t i = 0; i < frames.size(); ++i)
+            partial +=
+                frames[i].metadata().index != kFrames - static_cast<int64_t>(frames.size() - i);
+    }
+    taker.join();
+    EXPECT_EQ(partial, 0);
 }
 
 TEST(Mem, TwoStagesOfOneNameAreRefused) {

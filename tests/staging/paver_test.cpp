@@ -43,7 +43,10 @@ TEST_F(PaverTest, VectorsAreFreeOnReturn) {
             paver.save("albedo", 3, 2, albedo);
             std::fill(albedo.begin(), albedo.end(), -1.0);
             std::vector<uint8_t> mask(6, static_cast<uint8_t>(frame));
-            paver.save("mask", 3, 2, std::span<const uint8_t>(mask));
+            if (frame % 2 == 0)
+                paver.save("mask", 3, 2, std::span<const uint8_t>(mask));
+            else
+                paver.save("mask", 3, 2, std::span<uint8_t>(mask));
             std::fill(mask.begin(), mask.end(), uint8_t{0});
         }
     }
@@ -91,6 +94,21 @@ TEST_F(PaverTest, BadNamesAndSizesAreUsageErrors) {
     EXPECT_THROW(paver.save("c", 2, 2, values), UsageError);
     EXPECT_THROW(paver.save("a", 2, 2, std::vector<float>(8)), UsageError);
     paver.save("a", 2, 2, values);
+    paver.close();
+    EXPECT_EQ(Source::open("bp:set.bp")->frame_count(), 2);
+}
+
+TEST_F(PaverTest, ARefusedSaveDoesNotEndTheFrame) {
+    const std::vector<float> four(4), eight(8);
+    Paver paver("set");
+    paver.save("a", 2, 2, four);
+    EXPECT_THROW(paver.save("a", 4, 1, four), UsageError);
+    EXPECT_THROW(paver.save("a", 2, 2, eight), UsageError);
+    EXPECT_FALSE(fs::exists(folder / "set.bp"));
+    paver.save("b", 2, 2, four);  // still the first frame
+    paver.save("b", 2, 2, four);
+    EXPECT_THROW(paver.save("b", 2, 2, eight), UsageError);
+    paver.save("a", 2, 2, four);
     paver.close();
     EXPECT_EQ(Source::open("bp:set.bp")->frame_count(), 2);
 }

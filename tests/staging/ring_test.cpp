@@ -1,5 +1,7 @@
 // Slots: where they lie, who may reuse them and when.
 // SPDX-License-Identifier: BSD-3-Clause
+#include "staging/ring.h"
+
 #include <gtest/gtest.h>
 
 #include <atomic>
@@ -78,6 +80,21 @@ TEST(Ring, SlotIsNotReusedWhileAFrameLives) {
         stage.publish(std::move(frame));
     }
     EXPECT_EQ(difference(held, 0), "");
+}
+
+TEST(Ring, AWakeUpBeforeTheWaitIsNotLost) {
+    // A sink that fails while acquire looks for a slot must not leave it waiting for its time-out.
+    const auto ring =
+        std::make_shared<Ring>(host_memory(), FrameSchema::of_known(4, 4, {"depth"}), 1);
+    const Frame held = ring->try_acquire();
+    ring->wake();
+    EXPECT_FALSE(ring->try_acquire());
+    const auto begin = Ring::Clock::now();
+    ring->wait_for_free(begin + std::chrono::seconds(20));
+    EXPECT_LT(Ring::Clock::now() - begin, std::chrono::seconds(10));
+    const auto again = Ring::Clock::now();
+    ring->wait_for_free(again + std::chrono::milliseconds(50));  // woken once, not for ever
+    EXPECT_GE(Ring::Clock::now() - again, std::chrono::milliseconds(50));
 }
 
 // One producer, three readers that take, check and hold frames for a while: every frame comes once,

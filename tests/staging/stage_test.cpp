@@ -24,7 +24,7 @@ struct StageTest : ::testing::Test {
     }
     void TearDown() override {
         control->set_stuck(false);
-        control->wait_until_destroyed();  // a thread that was left behind ends here
+        EXPECT_TRUE(control->wait_until_destroyed());  // a thread that was left behind ends here
     }
     std::shared_ptr<SinkControl> control = std::make_shared<SinkControl>();
 };
@@ -157,6 +157,20 @@ TEST_F(StageTest, DropNewestNeverWaitsAndCounts) {
     stage.close();
     EXPECT_EQ(control->indices(), (std::vector<int64_t>{0, 1, 2}));
     EXPECT_EQ(stage.published(), stage.acknowledged() + stage.dropped());
+}
+
+TEST_F(StageTest, PublishTellsWhetherTheFrameWasDropped) {
+    control->set_stuck(true);
+    StageOptions options = small_options();
+    options.slots = 2;
+    options.policy = QueuePolicy::kDropNewest;
+    Stage stage = make_stage(options);
+    for (int64_t index = 0; index < 3; ++index) {
+        Frame frame = stage.acquire();
+        fill(frame, index);
+        EXPECT_EQ(stage.publish(std::move(frame)), index == 0);
+    }
+    control->set_stuck(false);
 }
 
 TEST_F(StageTest, DropOldestSparesFramesThatSomebodyHolds) {

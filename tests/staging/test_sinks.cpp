@@ -14,9 +14,9 @@ void SinkControl::set_stuck(bool stuck) {
     changed.notify_all();
 }
 
-void SinkControl::wait_until_destroyed() {
+bool SinkControl::wait_until_destroyed() {
     std::unique_lock lock(mutex);
-    changed.wait_for(lock, kPatience, [&] { return destroyed; });
+    return changed.wait_for(lock, kPatience, [&] { return destroyed; });
 }
 
 bool SinkControl::wait_for_entries(int count) {

@@ -23,7 +23,8 @@ struct SinkControl {
     bool finished = false, destroyed = false;
 
     void set_stuck(bool stuck);
-    void wait_until_destroyed();
+    /// Waits (10 s at most) until the sink is gone.
+    bool wait_until_destroyed();
     /// Waits (10 s at most) until `count` frames went in or are stuck in write().
     bool wait_for_entries(int count);
     int entries = 0;

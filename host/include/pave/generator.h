@@ -13,11 +13,11 @@
 
 namespace pave {
 
-/// A network exported by `pave train` (generator.json + generator.safetensors), on one device. One
-/// draw at a time.
+/// A network exported by `pave train` (generator.json, generator.safetensors and their manifest),
+/// on one device. One draw at a time.
 class Generator {
    public:
-    /// `run_folder` holds both files. Verifies checksums before parsing. Throws InputError naming
+    /// `run_folder` holds these files. Verifies checksums before parsing. Throws InputError naming
     /// file and reason.
     Generator(const Device& device, const std::string& run_folder);
     ~Generator();
@@ -31,7 +31,7 @@ class Generator {
 
     /// Reads the input channels of `frame` (linear, as rendered) and writes linear radiance to its
     /// channel "drawn", or to "color" if it has no "drawn". Blocking. Throws UsageError "missing
-    /// input: NAME" if the frame lacks an input.
+    /// input: NAME" if the frame lacks an input, and for slots of 2^31 floats and more.
     void draw(Frame& frame);
 
     /// Runs the graph on encoded input planes (C, H, W) and returns the encoded output planes: for

@@ -29,9 +29,9 @@ class Paver {
 
     /// `values` are width * height * planes numbers, pixel after pixel, the planes of a pixel side
     /// by side; stored as float32 planes. Throws UsageError for a bad name or size, or what the
-    /// first frame did not have; else as Stage::acquire.
-    template <typename T>
-    void save(const std::string& variable, int width, int height, std::span<const T> values) {
+    /// first frame did not have, and then changes nothing; else as Stage::acquire.
+    template <typename T, size_t kExtent>
+    void save(const std::string& variable, int width, int height, std::span<T, kExtent> values) {
         static_assert(std::is_arithmetic_v<T>, "values are numbers");
         std::vector<float> converted(values.begin(), values.end());
         save_floats(variable, width, height, converted);

@@ -5,6 +5,7 @@
 #include <chrono>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "pave/frame.h"
 
@@ -31,6 +32,8 @@ class Source {
     /// of `allocator`. Throws InputError naming the file if a checksum does not match. One thread
     /// at a time per source.
     virtual Frame read(int64_t position, ArenaAllocator& allocator = host_memory()) = 0;
+    /// Every frame, in order; of mem: those of one moment, whoever takes or adds some meanwhile.
+    virtual std::vector<Frame> read_all(ArenaAllocator& allocator = host_memory());
     /// The oldest frame not yet given by next(), in order, whatever the sink: mem: takes it out of
     /// the store, so that its slot is free again when the caller lets go; waits for one while the
     /// stage is open and throws PeerError after `timeout`. An empty frame when there will be no

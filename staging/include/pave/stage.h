@@ -60,8 +60,9 @@ class Stage {
     Frame acquire();
     /// Hands the frame to the background thread and returns at once. From here on nobody may write
     /// to it. Throws UsageError if it is not an acquired frame of this stage, or its number
-    /// (metadata().index) is not above the last one.
-    void publish(Frame frame);
+    /// (metadata().index) is not above the last one. False if drop-newest let go of the frame: who
+    /// still holds it keeps a slot that the next acquire may need.
+    bool publish(Frame frame);
     /// Returns when everything published before is durable (files) or visible (mem); throws what
     /// went wrong in the background.
     void flush();
@@ -71,11 +72,12 @@ class Stage {
     /// for `resume`.
     void abandon();
 
-    int64_t first_index()
-        const;  // number of the first frame to make: behind the last one there when resuming
+    /// Number of the first frame to make: behind the last one there when resuming.
+    int64_t first_index() const;
     int64_t published() const;  // by this stage, dropped ones included
-    int64_t acknowledged()
-        const;  // durable (files) or visible (mem) frames, those found when resuming included
+    /// Frames durable (files) or visible (mem), those found when resuming included, without those
+    /// that drop-oldest let go of.
+    int64_t acknowledged() const;
     int64_t dropped() const;
 
    private:

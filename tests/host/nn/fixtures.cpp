@@ -111,6 +111,16 @@ void write_run(const TemporaryFolder& folder, nlohmann::json document,
     folder.write("generator.safetensors", weights);
     document["weights"] = {{"file", "generator.safetensors"}, {"xxh3_128", hash_hex(weights)}};
     folder.write("generator.json", document.dump());
+    write_run_manifest(folder);
+}
+
+void write_run_manifest(const TemporaryFolder& folder) {
+    nlohmann::json hashes;
+    for (const char* name : {"generator.json", "generator.safetensors"})
+        hashes[name] = hash_hex(folder.read(name));
+    folder.write(
+        "run-manifest.json",
+        nlohmann::json{{"format", "pave-run"}, {"version", 1}, {"xxh3_128", hashes}}.dump());
 }
 
 std::map<std::string, Tensor> tensors_of(const nlohmann::json& document,

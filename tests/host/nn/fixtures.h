@@ -51,6 +51,8 @@ class TemporaryFolder {
 /// Writes `document` (its weights entry is filled in) and `tensors` as a run folder.
 void write_run(const TemporaryFolder& folder, nlohmann::json document,
                const std::map<std::string, Tensor>& tensors);
+/// Makes the manifest of a run folder fit its files.
+void write_run_manifest(const TemporaryFolder& folder);
 
 /// The tensors that `document`'s nodes name, out of all.
 std::map<std::string, Tensor> tensors_of(const nlohmann::json& document,

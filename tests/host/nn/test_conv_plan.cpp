@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cstdlib>
+#include <limits>
 
 #include "host/nn/network.h"
 #include "pave/error.h"
@@ -67,6 +68,28 @@ TEST(ConvPlan, measures_each_shape_once_and_remembers_between_networks) {
         EXPECT_NEAR(remembered.at(shape).direct_us, timing.direct_us, 1e-3 * timing.direct_us);
     }
     EXPECT_TRUE(run(ConvPolicy::kDirect).empty());
+}
+
+TEST(GemmConv, memory_of_a_chunk_is_bounded_by_the_wider_of_both_matrices) {
+    // One channel in, many out: the columns are small, their products are not.
+    constexpr int kOuts = 4096, kSize = 64;
+    Node node;
+    node.op = Op::kConv2d;
+    node.kernel_w = node.kernel_h = node.weight_in_channels = 1;
+    node.out_channels = kOuts;
+    node.weight.assign(kOuts, 1.0f);
+    node.bias.assign(kOuts, 0.0f);
+    Runtime runtime(device_with_lanes(0));
+    WeightStore store(device_with_lanes(0));
+    const ConvSite site{
+        &node, {0, 1, kSize, kSize, 1}, {kSize * kSize, kOuts, kSize, kSize, kOuts}, Activation{}};
+    const size_t floats = size_t{kSize} * kSize * (kOuts + 1);
+    const cl::Buffer arena =
+        make_buffer(device_with_lanes(0), floats * sizeof(float), "a wide convolution");
+    const double part = make_gemm_conv(runtime, store, site)
+                            ->enqueue_sample(arena, std::numeric_limits<int64_t>::max());
+    finish(device_with_lanes(0), "a wide convolution");
+    EXPECT_LE(part * kSize * kSize * kOuts * sizeof(float), 16 << 20);
 }
 
 }  // namespace

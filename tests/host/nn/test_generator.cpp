@@ -225,6 +225,14 @@ TEST_F(Drawing, says_which_channel_does_not_fit) {
     std::vector<Channel> channels = inputs;
     channels.insert(channels.end(), {{"depth", 3}, {"drawn", 3}});
     EXPECT_NE(draw(channels).find("input depth has 3 planes"), std::string::npos);
+    // Slots whose floats an int cannot count; their memory is never looked at.
+    channels = inputs;
+    channels.insert(channels.end(), {{"depth", 1}, {"drawn", 3}});
+    for (int i = 0; i < 40; ++i) channels.push_back({"more" + std::to_string(i), 64});
+    auto slot = std::make_shared<Slot>();
+    slot->schema = FrameSchema(1024, 1024, channels);
+    Frame large(slot);
+    EXPECT_NE(usage_error([&] { generator.draw(large); }).find("at most 8191"), std::string::npos);
     channels = inputs;
     channels.push_back({"depth", 1});
     EXPECT_NE(draw(channels).find("neither a channel 'drawn' nor 'color'"), std::string::npos);

@@ -8,6 +8,7 @@
 
 #include "host/nn/run_folder.h"
 #include "pave/error.h"
+#include "pave/generator.h"
 #include "pave/hash.h"
 #include "tests/host/nn/fixtures.h"
 
@@ -286,6 +287,51 @@ TEST(Schema, a_small_file_cannot_ask_for_much) {
     EXPECT_NE(input_error([&] { read_schema(document.dump(), "generator.json", {}); }), "");
 }
 
+/// A network that enlarges by 63 and takes every 64th pixel: of the input's size for images of 1 x
+/// 1 and 2 x 2, of another at 64 x 64.
+json nearly_fitting() {
+    json document = unet();
+    document["inputs"] = json::array({{{"channel", "depth"}, {"planes", 1}, {"encode", "unit"}}});
+    document["output"]["planes"] = 1;
+    document["multiple"] = 1;
+    document["nodes"] = json::array(
+        {{{"name", "up"}, {"op", "upsample_nearest"}, {"inputs", {"input"}}, {"scale", 63}},
+         {{"name", "down"},
+          {"op", "conv2d"},
+          {"inputs", {"up"}},
+          {"weight", "w"},
+          {"bias", nullptr},
+          {"stride", 64},
+          {"padding", 0}}});
+    document["result"] = "down";
+    return document;
+}
+
+TEST(Schema, a_result_that_fits_at_some_sizes_is_refused_at_others) {
+    const TemporaryFolder folder;
+    write_run(folder, nearly_fitting(), {{"w", {{1, 1, 1, 1}, {1.0f}}}});
+    Generator generator(device_with_lanes(0), folder.path());
+    EXPECT_EQ(generator.run(std::vector<float>(4, 0.5f), 2, 2), std::vector<float>(4, 0.5f));
+    const std::string reason = "generator.json: node 'down': the result is 1 x 63 x 63";
+    const std::vector<float> input(64 * 64);
+    EXPECT_NE(input_error([&] { generator.run(input, 64, 64); }).find(reason), std::string::npos);
+    Frame frame = make_frame(FrameSchema(64, 64, {{"depth", 1}, {"drawn", 1}}));
+    EXPECT_NE(input_error([&] { generator.draw(frame); }).find(reason), std::string::npos);
+    EXPECT_NE(input_error([&] { generator.planned_byte_size(64, 64); }).find(reason),
+              std::string::npos);
+}
+
+TEST(Schema, deep_nesting_does_not_overflow_the_stack) {
+    const std::string deep = std::string(200000, '[') + std::string(200000, ']');
+    std::string text = unet().dump();
+    text.insert(1, "\"training\":" + deep + ",");
+    EXPECT_NE(
+        input_error([&] { read_schema(text, "generator.json", {}); }).find("nests deeper than"),
+        std::string::npos);
+    EXPECT_NE(tensors_error(with_header("{\"a\":" + deep + "}")).find("nests deeper than"),
+              std::string::npos);
+}
+
 // ---- Whole run folders ----
 
 class RunFolder : public testing::Test {
@@ -297,25 +343,15 @@ class RunFolder : public testing::Test {
     std::string error() {
         return input_error([&] { load_run(folder_.path()); });
     }
-    void write_manifest() {
-        folder_.write(
-            "run-manifest.json",
-            json{{"format", "pave-run"},
-                 {"version", 1},
-                 {"xxh3_128",
-                  {{"generator.json", hash_hex(folder_.read("generator.json"))},
-                   {"generator.safetensors", hash_hex(folder_.read("generator.safetensors"))}}}}
-                .dump());
-    }
     TemporaryFolder folder_;
 };
 
-TEST_F(RunFolder, loads_with_and_without_a_manifest) {
-    EXPECT_EQ(error(), "");
-    write_manifest();
+TEST_F(RunFolder, loads_with_its_manifest_and_not_without) {
     EXPECT_EQ(error(), "");
     EXPECT_EQ(load_run(folder_.path()).weights_version,
               hash_hex(folder_.read("generator.safetensors")));
+    std::filesystem::remove(std::filesystem::path(folder_.path()) / "run-manifest.json");
+    EXPECT_NE(error().find("run-manifest.json: No such file"), std::string::npos) << error();
 }
 
 TEST_F(RunFolder, names_the_file_that_is_missing) {
@@ -340,21 +376,23 @@ TEST_F(RunFolder, every_flip_of_the_weights_is_found) {
     }
 }
 
-TEST_F(RunFolder, every_flip_of_the_graph_is_found_with_a_manifest_and_harmless_without) {
+TEST_F(RunFolder, every_flip_of_the_graph_is_found_and_harmless_where_the_manifest_is_forged) {
     const std::string good = folder_.read("generator.json");
-    for (bool manifest : {false, true}) {
-        if (manifest) write_manifest();
+    for (bool forged : {false, true}) {
         for (size_t byte = 0; byte < good.size(); byte += 1 + good.size() / 600) {
             std::string bad = good;
             bad[byte] = static_cast<char>(bad[byte] ^ (1 << (byte % 7)));
             folder_.write("generator.json", bad);
-            if (manifest)
-                EXPECT_NE(error().find("generator.json: checksum"), std::string::npos) << byte;
-            else
+            if (forged) {
+                write_run_manifest(folder_);
                 error();  // either still a network or an InputError; nothing else
+            } else {
+                EXPECT_NE(error().find("generator.json: checksum"), std::string::npos) << byte;
+            }
         }
         for (size_t cut = 0; cut < good.size(); cut += 1 + good.size() / 100) {
             folder_.write("generator.json", good.substr(0, cut));
+            if (forged) write_run_manifest(folder_);
             EXPECT_NE(error(), "") << cut;
         }
         folder_.write("generator.json", good);
@@ -362,14 +400,16 @@ TEST_F(RunFolder, every_flip_of_the_graph_is_found_with_a_manifest_and_harmless_
 }
 
 TEST_F(RunFolder, refuses_bad_manifests) {
-    for (const char* text :
-         {"", "{", "[]", "{}", R"({"format":"pave-run","version":1})",
-          R"({"format":"pave-run","version":2,"xxh3_128":{}})",
-          R"({"format":"pave-run","version":1,"xxh3_128":[]})",
-          R"({"format":"pave-run","version":1,"xxh3_128":{}})",
-          R"({"format":"pave-run","version":1,"xxh3_128":{"generator.json":7}})"}) {
+    const std::string deep = R"({"format":"pave-run","version":1,"xxh3_128":)" +
+                             std::string(200000, '[') + std::string(200000, ']') + "}";
+    for (const std::string& text : std::initializer_list<std::string>{
+             "", "{", "[]", "{}", R"({"format":"pave-run","version":1})",
+             R"({"format":"pave-run","version":2,"xxh3_128":{}})",
+             R"({"format":"pave-run","version":1,"xxh3_128":[]})",
+             R"({"format":"pave-run","version":1,"xxh3_128":{}})",
+             R"({"format":"pave-run","version":1,"xxh3_128":{"generator.json":7}})", deep}) {
         folder_.write("run-manifest.json", text);
-        EXPECT_NE(error().find("run-manifest.json"), std::string::npos) << text;
+        EXPECT_NE(error().find("run-manifest.json"), std::string::npos) << text.substr(0, 100);
     }
 }
 
@@ -378,6 +418,7 @@ TEST_F(RunFolder, takes_no_path_for_the_weights) {
         json document = fixture_case("norm_folded").document;
         document["weights"] = {{"file", name}, {"xxh3_128", std::string(32, '0')}};
         folder_.write("generator.json", document.dump());
+        write_run_manifest(folder_);
         EXPECT_NE(error().find("no valid name"), std::string::npos) << name;
     }
 }

@@ -187,14 +187,16 @@ TEST(Program, no_step_reads_what_another_overwrote) {
             const Program program = lower(graph, fuse);
             SymbolicRun run(graph, program, extents);
             EXPECT_EQ(run.run(), "") << "seed " << seed << ", fuse " << fuse;
-            planned += run.layout().memory.byte_size;
-            unplanned += run.layout().unplanned_byte_size;
+            // At a size whose planes fill whole multiples of the arena's alignment.
+            const Layout layout = lay_out(graph, program, infer_extents(graph, 32, 32));
+            EXPECT_LE(layout.memory.byte_size, layout.unplanned_byte_size) << "seed " << seed;
+            planned += layout.memory.byte_size;
+            unplanned += layout.unplanned_byte_size;
             for (const Value& value : program.values) shared += value.parent >= 0;
         }
     }
-    EXPECT_GT(shared, 1000u);  // else the test looks at nothing
-    EXPECT_GT(planned, 0u);
-    EXPECT_GT(unplanned, 0u);
+    EXPECT_GT(shared, 1000u);           // else the test looks at nothing
+    EXPECT_LT(2 * planned, unplanned);  // reuse of memory saves more than half of it
 }
 
 TEST(Program, joins_of_a_unet_copy_nothing_and_memory_shrinks) {
