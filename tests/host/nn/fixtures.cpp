@@ -2,6 +2,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "tests/host/nn/fixtures.h"
 
+#include <gtest/gtest.h>
+
 #include <cmath>
 #include <cstdlib>
 #include <fstream>
@@ -9,6 +11,7 @@
 #include <sstream>
 #include <stdexcept>
 
+#include "host/device/cl.h"
 #include "host/nn/file.h"
 #include "pave/hash.h"
 
@@ -133,9 +136,22 @@ std::map<std::string, Tensor> tensors_of(const nlohmann::json& document,
     return tensors;
 }
 
+namespace {
+
+// Never destroyed: some drivers are gone when static objects are.
+std::map<int, Device>& devices = *new std::map<int, Device>;
+
+/// PoCL aborts if it still compiles a kernel when the process ends.
+class IdleAtTheEnd : public testing::Environment {
+    void TearDown() override {
+        for (const auto& [lanes, device] : devices) finish(device, "the last test");
+    }
+};
+const auto* const kIdleAtTheEnd = testing::AddGlobalTestEnvironment(new IdleAtTheEnd);
+
+}  // namespace
+
 const Device& device_with_lanes(int lanes) {
-    // Never destroyed: some drivers are gone when static objects are.
-    static std::map<int, Device>& devices = *new std::map<int, Device>;
     if (const auto found = devices.find(lanes); found != devices.end()) return found->second;
     const char* before = std::getenv("PAVE_LANES");
     const std::string kept = before == nullptr ? "" : before;
