@@ -343,21 +343,22 @@ def infer(
     json: Json = False,
 ) -> None:
     """Render only the cheap buffers of a scene and let the network draw the rest, in the renderer."""
+    from pave.dataset import RenderSettings
     from pave.image import check_output, write_image
     from pave.inference import draw_view
 
     console = Console(json)
     check_output(output)
     loaded = _load_scene(console, scene, define, ignore_unsupported)
-    width, height = parse_size(size)
+    settings = RenderSettings(*parse_size(size), spp, seed=seed).resolved(loaded)
     frame, record = draw_view(
         run,
         loaded,
         device=device,
-        width=width or loaded.width,
-        height=height or loaded.height,
-        spp=spp,
-        seed=seed,
+        width=settings.width,
+        height=settings.height,
+        spp=settings.spp,
+        seed=settings.seed,
         compare=compare,
     )
     write_image(frame, output, "pave", color="drawn")

@@ -23,7 +23,7 @@ from pave.files import hash_bytes, read_bytes, write_atomic
 from pave.losses import probability
 from pave.options import TrainOptions
 from pave.run_log import Row, RunLog
-from pave.samples import Batch, EncodedImages, epoch_order, mirror_batch
+from pave.samples import Batch, EncodedImages, epoch_order, image_size, mirror_batch
 from pave.schema import Sample, fit_schema
 from pave.trainer import Trainer
 
@@ -64,14 +64,16 @@ class TrainingRun:
         self.device = pick_device(options.device)
         with self.clock("load"):
             train_samples, validation_samples = data
+            self._check_sizes(data)
             self.schema = fit_schema(
                 (train_samples[i] for i in range(len(train_samples))),
                 options.inputs,
                 repeat_depth=options.repeat_depth,
             )
-            budget = options.cache_bytes
-            self.images = EncodedImages(train_samples, self.schema, budget, "training")
-            self.validation = EncodedImages(validation_samples, self.schema, budget, "validation")
+            how = (self.schema, options.cache_bytes)
+            multiple = 2**options.unet_depth
+            self.images = EncodedImages(train_samples, *how, "training", multiple)
+            self.validation = EncodedImages(validation_samples, *how, "validation", multiple)
         state, self.remarks = load_latest(folder)
         self.config = self._agree_on_config(provenance, resuming=state is not None)
         self.epochs = int(self.config["epochs"])
@@ -96,6 +98,21 @@ class TrainingRun:
             yield
         finally:
             self.seconds[stage] += time.monotonic() - begin
+
+    def _check_sizes(self, data: tuple[Sequence[Sample], Sequence[Sample]]) -> None:
+        """Raises UsageError for images that no step could be made on."""
+        for samples in data:
+            if len(samples) == 0:
+                continue  # said where it is read
+            height, width = image_size(samples)
+            metrics.check_size(width, height)
+            levels, multiple = self.options.d_layers, 2**self.options.unet_depth
+            side = min(height + -height % multiple, width + -width % multiple)
+            if self.options.adversarial_weight > 0 and side < 2**levels:
+                raise UsageError(
+                    f"d_layers {levels} leaves nothing of images of {width}x{height} pixels; "
+                    f"{side.bit_length() - 1} is the most"
+                )
 
     @property
     def elapsed(self) -> float:
@@ -241,13 +258,16 @@ class TrainingRun:
     def _validate(self) -> Row:
         generator = self.trainer.average.network
         discriminator = self.trainer.discriminator.eval()
-        sums: Row = {}
-        count = len(self.validation)
+        images, sums = self.validation, Row()
+        count = len(images)
         indices = list(torch.arange(count).split(VALIDATION_BATCH))
-        for batch in self.validation.batches(indices):
+        for batch in images.batches(indices):
             buffers, target = self._to_device(batch)
             fake = generator(buffers)
-            ours, truth = self.schema.decode_output(fake), self.schema.decode_output(target)
+            ours, truth = (
+                self.schema.decode_output(image[..., : images.height, : images.width])
+                for image in (fake, target)
+            )
             scores = metrics.compare(ours, truth)
             scores["psnr"] = scores["psnr"].clamp_max(100.0)
             values = {f"val_{name}": scores[name].sum() for name in ("psnr", "ssim", "l1")}

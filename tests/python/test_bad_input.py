@@ -12,11 +12,23 @@ import pytest
 from command import ROOT, pave
 
 import pave as library
+from pave.data import split_indices
 
 RUN, USAGE, INPUT, DEVICE = 1, 2, 3, 4
 TINY = ("--size", "8x8", "--spp", "1", "--max-depth", "3")
 RENDER = ("-o", "x.exr", *TINY)
-DATASET = ("--views", "6", *TINY, "--frames-per-shard", "2")
+DATASET = (
+    "--views",
+    "6",
+    "--size",
+    "12x12",
+    "--spp",
+    "1",
+    "--max-depth",
+    "3",
+    "--frames-per-shard",
+    "2",
+)
 
 SCENE = """<scene version="3.0.0">
   <sensor type="perspective">
@@ -272,6 +284,8 @@ def test_damaged_data_set(data, tmp_path, uri, damage):
 def test_damaged_data_set_by_command(data, place, name):
     shutil.copytree(data / name, place / name)
     path = max(stored_files(place / name), key=lambda path: path.stat().st_size)
+    if name == "good.exr":  # a frame that training reads
+        path = place / name / f"frame-{split_indices(6)[0][0]:08d}.exr"
     flip(path, path.stat().st_size // 2)
     uri = f"{name[5:]}:{name}"
     before = files(place)
@@ -317,6 +331,12 @@ def test_wrong_channel_for_training(data, place):
     check(outcome, USAGE, "smell")
 
 
+def test_images_too_small_for_training(place):
+    small = ("--size", "10x12", "--spp", "1", "--max-depth", "3")
+    assert pave("dataset", "cornell", "bp:small.bp", "--views", "6", *small).code == 0
+    check(pave("train", "bp:small.bp", "-o", "run"), USAGE, "10x12 pixels are too small")
+
+
 # Weights --------------------------------------------------------------------------------------------------------------
 
 
@@ -358,6 +378,22 @@ def test_no_weights(place):
     (place / "run").mkdir()
     outcome = pave("infer", "run", "cornell", "-o", "x.exr", "--size", "16x16", "--spp", "1")
     check_nothing(outcome, INPUT, place, {}, "run")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "part"),
+    [
+        (("--size", "0x8"), "0x8"),
+        (("--size", "8x0"), "8x0"),
+        (("--size", "16x16", "--spp", "0"), "spp 0"),
+        (("--size", "16x16", "--seed", "-1"), "seed -1"),
+        (("--size", "10x16", "--compare"), "10x16 pixels are too small"),
+    ],
+)
+def test_usage_of_infer(place, arguments, part):
+    tiny_run(place)
+    outcome = pave("infer", "run", "cornell", "-o", "x.exr", *arguments)
+    check_nothing(outcome, USAGE, place, files(place), part)
 
 
 # Places to write ------------------------------------------------------------------------------------------------------

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from training_data import make_samples, one_thread  # noqa: F401
+from training_data import make_sample, make_samples, one_thread  # noqa: F401
 
 from pave import charts, metrics, plots
 from pave.errors import InputError, UsageError
@@ -101,6 +101,12 @@ def test_evaluation_without_what_it_needs(run: Path) -> None:
     bare = [{k: v for k, v in sample.items() if k != "color"} for sample in SPLITS["test"]]
     with pytest.raises(UsageError, match="no channel 'color'"):
         evaluate(run, {"train": SPLITS["train"], "test": bare}, write=False)
+
+
+def test_evaluation_of_images_too_small_to_be_compared(run: Path) -> None:
+    small = [make_sample(index, 16, 10) for index in range(2)]
+    with pytest.raises(UsageError, match="16x10 pixels are too small"):
+        evaluate(run, {"train": SPLITS["train"], NOVEL: small}, write=False)
 
 
 class Page(html.parser.HTMLParser):

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from training_data import make_samples, one_thread  # noqa: F401
+from training_data import make_sample, make_samples, one_thread  # noqa: F401
 
 from pave import checkpoint
 from pave.errors import InputError, RunError, UsageError
@@ -109,6 +109,41 @@ def test_validation_is_what_the_exported_generator_scores(tmp_path: Path) -> Non
     assert sum(scores) / len(scores) == pytest.approx(result.best["val_psnr"], abs=1e-3)
     scores = [float(metrics.ssim(loaded.draw(s), s["color"])) for s in validation]
     assert sum(scores) / len(scores) == pytest.approx(result.best["val_ssim"], abs=1e-4)
+
+
+@pytest.mark.parametrize(("width", "height"), [(17, 13), (16, 11), (11, 40)])
+def test_sizes_that_are_no_multiple_of_the_network(tmp_path: Path, width: int, height: int) -> None:
+    """They train, and what was validated is what the exported generator draws of the whole image."""
+    from pave import metrics
+
+    data = [
+        [make_sample(first + index, width, height) for index in range(count)]
+        for first, count in ((0, 4), (100, 2))
+    ]
+    options = TrainOptions.from_json({**TINY, "mirror": True, "epochs": 2})
+    result = train((data[0], data[1]), tmp_path, options, figures=False)
+    config = json.loads((tmp_path / "config.json").read_text())
+    assert config["size"] == [width, height]
+    loaded = load_generator(tmp_path)
+    for name, function in (("val_psnr", metrics.psnr), ("val_ssim", metrics.ssim)):
+        scores = [float(function(loaded.draw(s), s["color"])) for s in data[1]]
+        assert sum(scores) / len(scores) == pytest.approx(result.best[name], abs=1e-3)
+
+
+@pytest.mark.parametrize(("width", "height"), [(10, 64), (64, 10), (1, 1)])
+def test_images_too_small_to_be_compared(tmp_path: Path, width: int, height: int) -> None:
+    data = [make_sample(index, width, height) for index in range(2)]
+    with pytest.raises(UsageError, match=f"{width}x{height} pixels are too small"):
+        train((data, data), tmp_path / "run", TrainOptions.from_json(TINY), figures=False)
+    assert not (tmp_path / "run").exists() or not any((tmp_path / "run").iterdir())
+
+
+def test_discriminator_deeper_than_the_images(tmp_path: Path) -> None:
+    data = [make_sample(index, 12) for index in range(2)]
+    with pytest.raises(UsageError, match="4 is the most"):
+        train((data, data), tmp_path, TrainOptions.from_json({**TINY, "d_layers": 5}))
+    options = TrainOptions.from_json({**TINY, "d_layers": 4, "d_norm": "none", "epochs": 1})
+    assert train((data, data), tmp_path, options, figures=False).finished
 
 
 def test_same_seed_same_weights_and_another_seed_others(tmp_path: Path) -> None:
@@ -317,6 +352,20 @@ def test_images_in_memory_or_read_on_the_way_are_the_same() -> None:
         assert torch.equal(a[0], b[0])
         assert torch.equal(a[1], b[1])
         assert a[0].is_contiguous(memory_format=torch.channels_last)
+
+
+def test_images_are_padded_as_the_generator_pads() -> None:
+    samples = [make_sample(index, 13, 9) for index in range(3)]
+    schema = fit_schema(samples, ["albedo", "direct"])
+    images = EncodedImages(samples, schema, 1 << 30, "training", 8)
+    assert (images.width, images.height) == (13, 9)
+    for planes in images.batch(torch.tensor([0, 2])):
+        assert planes.shape[-2:] == (16, 16)
+        assert torch.equal(planes[..., 9:, :], planes[..., 8:9, :].expand(-1, -1, 7, -1))
+        assert torch.equal(planes[..., 13:], planes[..., 12:13].expand(-1, -1, -1, 3))
+    assert images.cache is not None
+    per_image = 4 * (schema.in_planes + 3) * 16 * 16
+    assert EncodedImages(samples, schema, 3 * per_image - 1, "training", 8).cache is None
 
 
 def test_bad_images_are_named() -> None:
