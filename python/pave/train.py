@@ -18,6 +18,7 @@ from typing import Any
 import torch
 
 from pave.files import make_folder
+from pave.interrupts import StopRequest
 from pave.options import TrainOptions
 from pave.run_log import Row
 from pave.schema import TARGET, Sample
@@ -75,13 +76,18 @@ def train(
     provenance: dict[str, Any] | None = None,
     on_progress: Progress | None = None,
     figures: bool = True,
+    catch_signals: bool = False,
 ) -> TrainResult:
     """Trains on `data`, a data set's URI or its (train, validation) splits, into `folder`.
 
     Goes on from the folder's last checkpoint if there is one. `provenance` is any JSON about the data and is kept with the
-    weights. Without `figures` the TensorBoard files and loss.png are left out. `on_progress(record)` is called every few steps; if it returns False the run stops after a checkpoint. Raises
-    UsageError if the folder holds a run of other options or data, InputError for broken data, RunError if the run cannot go
-    on.
+    weights. Without `figures` the TensorBoard files and loss.png are left out. `on_progress(record)` is called at the start
+    and every few steps; if it returns False the run stops after a checkpoint. With `catch_signals` so does the first SIGINT
+    or SIGTERM once training has begun, after the step at hand; a second one ends the process. The best weights so far are
+    exported in any case.
+
+    Raises UsageError if the folder holds a run of other options or data, or something else; InputError for broken data;
+    RunError if the run cannot go on, or was stopped before there were weights to export.
     """
     options = options or TrainOptions()
     options.check()
@@ -91,10 +97,12 @@ def train(
         data = splits[0], splits[2]
     folder = Path(folder)
     make_folder(folder)
+    stop = StopRequest()
     with torch_settings(options):
-        run = TrainingRun(data, folder, options, provenance or {}, on_progress, figures)
+        run = TrainingRun(data, folder, options, provenance or {}, on_progress, figures, stop)
         try:
-            version = run.execute()
+            with stop if catch_signals else contextlib.nullcontext():
+                version = run.execute()
         finally:
             run.log.close()
     assert run.best is not None

@@ -18,10 +18,12 @@ def run_training(
     options: dict[str, Any],
     provenance: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """Trains on the data set `uri` into `folder`; goes on if a checkpoint is there. Ctrl-C leaves a checkpoint.
+    """Trains on the data set `uri` into `folder`; goes on if a checkpoint is there.
 
-    `options` are fields of pave.options.TrainOptions. Raises what pave.train.train raises.
+    `options` are fields of pave.options.TrainOptions. Raises what pave.train.train raises, and RunError if Ctrl-C or SIGTERM
+    stopped the run: a checkpoint and the best weights so far are in the folder then.
     """
+    from pave.errors import RunError
     from pave.options import TrainOptions
     from pave.train import train
 
@@ -38,9 +40,15 @@ def run_training(
             console.event({"stage": "train", **record})
             return True
 
-        result = train(uri, folder, checked, provenance=provenance, on_progress=on_progress)
+        result = train(
+            uri, folder, checked, provenance=provenance, on_progress=on_progress, catch_signals=True
+        )
     for remark in result.remarks:
         console.say(f"pave: warning: {remark}")
+    if not result.finished:
+        raise RunError(
+            f"{folder}: interrupted after step {result.steps}; run the same command again to go on"
+        )
     return result.to_json()
 
 

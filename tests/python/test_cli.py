@@ -223,6 +223,38 @@ def test_interrupted_data_set_ends_soon_and_can_go_on(place, number):
     assert again.records[-1]["acknowledged"] == len(source) + 2
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupted_training_ends_soon_and_goes_on_from_that_step(place, number):
+    from pave.checkpoint import list_checkpoints
+    from pave.options import TrainOptions
+    from pave.train import train
+
+    small = ("--size", "12x12", "--spp", "1", "--max-depth", "3", "--views", "10")
+    assert pave("dataset", "cornell", "bp:d.bp", *small).code == 0
+    process = start(
+        "train", "bp:d.bp", "-o", "run", "--epochs", "100000", "--filters", "4", "--json",
+    )  # fmt: skip
+    step = 0
+    while step < 20:  # past the first epoch, which has three steps
+        step = json.loads(process.stdout.readline())["step"]
+    begin = time.monotonic()
+    process.send_signal(number)
+    out, err = process.communicate(timeout=60)
+    assert time.monotonic() - begin < 5.0
+    assert process.returncode == 1, err
+    errors = [line for line in err.splitlines() if line.startswith("pave: error: ")]
+    assert errors == err.splitlines()[-1:], err
+    assert "Traceback" not in err
+    step = max([step, *(json.loads(line)["step"] for line in out.splitlines())])
+    saved = int(list_checkpoints(Path("run"))[-1].stem.rpartition("-")[2])
+    assert saved >= step
+    assert f"after step {saved};" in errors[0]
+    assert pave("info", "run").code == 0  # the best weights so far are there and whole
+    options = TrainOptions.from_json({"epochs": 100000, "filters": 4})
+    again = train("bp:d.bp", "run", options, on_progress=lambda _: False, figures=False)
+    assert again.resumed_from == saved
+
+
 def test_interrupted_render_leaves_nothing(place):
     process = start("render", "cornell", "-o", "x.exr", "--size", "512x512", "--spp", "100000")
     maps = Path(f"/proc/{process.pid}/maps")

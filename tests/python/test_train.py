@@ -18,7 +18,7 @@ import pytest
 import torch
 from training_data import make_sample, make_samples, one_thread  # noqa: F401
 
-from pave import checkpoint
+from pave import checkpoint, training_loop
 from pave.errors import InputError, RunError, UsageError
 from pave.export import load_generator
 from pave.options import TrainOptions
@@ -327,6 +327,105 @@ def test_minutes_choose_epochs_once(tmp_path: Path) -> None:
     again = run(tmp_path, minutes=0.02, epochs=1)
     assert json.loads((tmp_path / "config.json").read_text()) == config
     assert again.epochs >= result.epochs
+
+
+class Clock:
+    """Stands in for the module `time` of the loop: a step takes as long as the test says, nothing else any time."""
+
+    def __init__(self) -> None:
+        self.now = 1000.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+
+def test_minutes_that_are_up_end_the_run_for_good(tmp_path: Path) -> None:
+    """Steps ten times slower than the trial said: the run ends in time, and a second call trains nothing more."""
+    clock, real_step = Clock(), Trainer.step
+
+    def step(self: Trainer, *batch: torch.Tensor) -> dict[str, torch.Tensor]:
+        clock.now += 0.1 if self.steps == 1 else 1.0  # the trial's trainer is made for one step
+        return real_step(self, *batch)
+
+    minutes, epoch_seconds = 0.2, 4
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(training_loop, "time", clock)
+        patch.setattr(Trainer, "step", step)
+        first = run(tmp_path, minutes=minutes)
+        before = weights_sha256(tmp_path)
+        config = json.loads((tmp_path / "config.json").read_text())
+        again = run(tmp_path, minutes=minutes)
+    # As many whole epochs as fit.
+    assert first.epochs == int(60 * minutes * training_loop.HARD_LIMIT / epoch_seconds) == 3
+    assert config["epochs"] == 3
+    assert first.finished
+    assert "minutes were up after 3 of the" in first.remarks[0]
+    assert again.finished
+    assert (again.steps, again.resumed_from, again.remarks) == (12, 12, [])
+    assert weights_sha256(tmp_path) == before
+    assert json.loads((tmp_path / "config.json").read_text()) == config
+
+
+def test_minutes_leave_a_busy_machine_its_schedule(tmp_path: Path) -> None:
+    """A fifth slower than the trial said is still within the hard limit: every planned epoch is trained."""
+    clock, real_step = Clock(), Trainer.step
+
+    def step(self: Trainer, *batch: torch.Tensor) -> dict[str, torch.Tensor]:
+        clock.now += 0.1 if self.steps == 1 else 0.12
+        return real_step(self, *batch)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(training_loop, "time", clock)
+        patch.setattr(Trainer, "step", step)
+        result = run(tmp_path, minutes=0.1)
+    assert result.remarks == []
+    assert result.steps == 4 * json.loads((tmp_path / "config.json").read_text())["epochs"]
+    assert result.history[-1]["lr"] < 0.05 * TrainOptions.lr
+
+
+@pytest.mark.parametrize("stop_at", [2, 4, 5, 8])
+def test_stop_in_a_step_or_in_validation_is_unbroken(tmp_path: Path, stop_at: int) -> None:
+    """The first signal ends the step at hand, or the validation that follows it, and what resumes is the same run."""
+    whole = run(tmp_path / "whole")
+    real_step = Trainer.step
+
+    def step(self: Trainer, *batch: torch.Tensor) -> dict[str, torch.Tensor]:
+        losses = real_step(self, *batch)
+        if self.step_index == stop_at:
+            signal.raise_signal(signal.SIGTERM if stop_at % 2 else signal.SIGINT)
+        return losses
+
+    folder = tmp_path / "stopped"
+    options = TrainOptions.from_json(TINY)
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Trainer, "step", step)
+        try:
+            if stop_at <= 4:
+                with pytest.raises(RunError, match="before the first epoch's end"):
+                    train(splits(), folder, options, figures=False, catch_signals=True)
+                assert not (folder / "generator.json").exists()
+            else:
+                stopped = train(splits(), folder, options, figures=False, catch_signals=True)
+                assert (stopped.finished, stopped.steps) == (False, stop_at)
+                assert load_generator(folder).weights_version == stopped.weights_version
+            for number in before:
+                assert signal.getsignal(number) == signal.SIG_DFL, "a second one ends at once"
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+    assert checkpoint.list_checkpoints(folder)[-1].name == f"step-{stop_at:010d}.ckpt"
+    resumed = run(folder)
+    assert (resumed.resumed_from, resumed.steps) == (stop_at, whole.steps)
+    assert weights_sha256(folder) == weights_sha256(tmp_path / "whole")
+    for ours, theirs in zip(resumed.history, whole.history, strict=True):
+        assert {**ours, "seconds": 0} == {**theirs, "seconds": 0}
+
+
+def test_signals_are_what_they_were_after_a_run(tmp_path: Path) -> None:
+    before = signal.getsignal(signal.SIGINT)
+    train(splits(), tmp_path, TrainOptions.from_json(TINY), figures=False, catch_signals=True)
+    assert signal.getsignal(signal.SIGINT) == before
 
 
 def test_order_depends_on_seed_and_epoch_alone() -> None:
