@@ -17,12 +17,15 @@ from typing import Any
 
 import torch
 
-from pave.files import make_folder
+from pave.checkpoint import FOLDER as CHECKPOINTS
+from pave.checkpoint import list_checkpoints
+from pave.errors import UsageError
+from pave.files import make_folder, remove_stale
 from pave.interrupts import StopRequest
 from pave.options import TrainOptions
 from pave.run_log import Row
 from pave.schema import TARGET, Sample
-from pave.training_loop import Progress, TrainingRun
+from pave.training_loop import Progress, TrainingRun, holds_run
 
 
 @dataclass
@@ -96,7 +99,7 @@ def train(
         splits = load_splits(data, [*options.inputs, TARGET])
         data = splits[0], splits[2]
     folder = Path(folder)
-    make_folder(folder)
+    _open_folder(folder)
     stop = StopRequest()
     with torch_settings(options):
         run = TrainingRun(data, folder, options, provenance or {}, on_progress, figures, stop)
@@ -118,6 +121,19 @@ def train(
         finished=run.epoch >= run.epochs,
         remarks=run.remarks,
     )
+
+
+def _open_folder(folder: Path) -> None:
+    """Makes the run folder, or looks whether what is there may be added to."""
+    for each in (folder, folder / CHECKPOINTS):
+        remove_stale(each)
+    if (
+        folder.is_dir()
+        and any(folder.iterdir())
+        and not (holds_run(folder) or list_checkpoints(folder))
+    ):
+        raise UsageError(f"{folder} is not empty and holds no training run; name another folder")
+    make_folder(folder)
 
 
 @contextlib.contextmanager

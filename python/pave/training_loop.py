@@ -49,6 +49,15 @@ def pick_device(name: str) -> torch.device:
     return torch.device(name)
 
 
+def holds_run(folder: Path) -> bool:
+    """Whether the folder's config.json is one that a run wrote."""
+    try:
+        config = json.loads((folder / CONFIG_FILE).read_bytes())
+    except (OSError, ValueError):
+        return False
+    return isinstance(config, dict) and {"options", "epochs", "data_hash"} <= set(config)
+
+
 class TrainingRun:
     """One run folder being filled. Resumes when made over a folder with a checkpoint; execute() does the rest."""
 

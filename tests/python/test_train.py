@@ -519,6 +519,32 @@ def test_folder_that_cannot_be_written(tmp_path: Path) -> None:
         run(blocked / "run")
 
 
+def test_folder_of_something_else_is_refused(tmp_path: Path) -> None:
+    for name, text in (("letter.txt", "dear"), ("config.json", '{"theme": "dark"}')):
+        folder = tmp_path / name.partition(".")[0]
+        folder.mkdir()
+        (folder / name).write_text(text)
+        with pytest.raises(UsageError, match="holds no training run"):
+            run(folder)
+        assert [path.name for path in folder.iterdir()] == [name]
+        assert (folder / name).read_text() == text
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    assert run(empty).finished
+
+
+def test_what_a_kill_left_half_written_is_removed(tmp_path: Path) -> None:
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    stale = [tmp_path / f".config.json.{gone.pid}.tmp"]
+    stale += [tmp_path / "checkpoints" / f".step-0000000004.ckpt.{gone.pid}.tmp"]
+    run(tmp_path)
+    for path in stale:
+        path.write_text("x")
+    run(tmp_path)
+    assert not any(path.exists() for path in stale)
+
+
 def test_cuda_is_refused_where_there_is_none(tmp_path: Path) -> None:
     if torch.cuda.is_available():
         assert run(tmp_path, device="cuda", deterministic=False).finished
