@@ -10,6 +10,7 @@ import json
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 from pave.errors import InputError, RunError
 
@@ -42,6 +43,11 @@ def write_atomic(path: Path, data: bytes) -> None:
         if isinstance(error, OSError):
             raise RunError(f"{path}: cannot be written: {error.strerror or error}") from error
         raise
+
+
+def write_json(path: Path, record: Any) -> None:
+    """A JSON file for people and machines, whole or absent. Raises RunError."""
+    write_atomic(path, (json.dumps(record, indent=1) + "\n").encode())
 
 
 def remove_stale(folder: Path) -> None:

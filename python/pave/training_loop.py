@@ -19,7 +19,7 @@ import torch
 from pave import export, metrics
 from pave.checkpoint import load_latest, save_checkpoint
 from pave.errors import InputError, RunError, UsageError
-from pave.files import hash_bytes, read_bytes, write_atomic
+from pave.files import hash_bytes, read_bytes, write_json
 from pave.interrupts import StopRequest
 from pave.losses import probability
 from pave.options import TrainOptions
@@ -170,8 +170,7 @@ class TrainingRun:
         return config
 
     def _write_config(self) -> None:
-        text = json.dumps(self.config, indent=1) + "\n"
-        write_atomic(self.folder / CONFIG_FILE, text.encode())
+        write_json(self.folder / CONFIG_FILE, self.config)
 
     def _plan_epochs(self) -> int:
         """Epochs that fit into `minutes`, by a short trial. After that the run no longer depends on the clock."""
