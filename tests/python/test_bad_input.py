@@ -100,9 +100,11 @@ def test_no_opencl_platform(place):
     check_nothing(outcome, DEVICE, place, {}, "pocl-opencl-icd")
 
 
-def test_unknown_device(place):
-    outcome = pave("render", "cornell", *RENDER, "--device", "abacus")
+@pytest.mark.parametrize("command", [("render", "cornell", *RENDER), ("demo", "out", "--quick")])
+def test_unknown_device(place, command):
+    outcome = pave(*command, "--device", "abacus")
     check_nothing(outcome, DEVICE, place, {}, "abacus")
+    assert list(place.iterdir()) == []
 
 
 def test_doctor_without_platform():
@@ -111,6 +113,14 @@ def test_doctor_without_platform():
     broken = [record for record in outcome.records if not record["ok"]]
     assert broken
     assert "pocl-opencl-icd" in broken[0]["fix"]
+
+
+def test_doctor_offers_no_package_for_a_device_that_there_is_not():
+    outcome = pave("doctor", "--json", "--device", "abacus")
+    assert outcome.code == DEVICE
+    (broken,) = (record for record in outcome.records if not record["ok"])
+    assert "abacus" in broken["detail"]
+    assert not broken["fix"]
 
 
 # Options --------------------------------------------------------------------------------------------------------------
@@ -146,6 +156,8 @@ def test_doctor_without_platform():
         (("dataset", "cornell", "bp:x.bp", *DATASET, "--channels", "smell"), "smell"),
         (("info", "nowhere"), "nowhere"),
         (("demo", "--quick", "--full"), "--quick"),
+        (("demo", "out", "--quick", "--seed", "-1"), "seed -1"),
+        (("demo", "out", "--quick", "--seed", str(2**64)), "seed"),
     ],
 )
 def test_usage(place, arguments, part):
@@ -329,6 +341,41 @@ def test_wrong_channel_for_training(data, place):
         "train", f"bp:{data / 'good.bp'}", "-o", "run", "--epochs", "1", "--inputs", "smell"
     )
     check(outcome, USAGE, "smell")
+
+
+def test_usage_of_train(data, place):
+    outcome = pave("train", f"bp:{data / 'good.bp'}", "-o", "run", "--best", "beauty")
+    check_nothing(outcome, USAGE, place, {}, "beauty", "psnr, ssim, l1")
+    assert list(place.iterdir()) == []
+
+
+def test_training_into_a_folder_of_something_else(data, place):
+    (place / "letters").mkdir()
+    (place / "letters" / "a.txt").write_text("dear")
+    outcome = pave("train", f"bp:{data / 'good.bp'}", "-o", "letters")
+    check_nothing(outcome, USAGE, place, files(place), "letters")
+
+
+@pytest.mark.parametrize("text", ["{", "", "[]", "{}", "\x00"])
+def test_damaged_demo_folder(place, text):
+    (place / "out").mkdir()
+    (place / "out" / "demo.json").write_text(text)
+    check_nothing(pave("demo", "out", "--quick"), INPUT, place, files(place), "demo.json")
+
+
+def test_evaluation_on_a_set_of_another_size(data, place):
+    uri = f"bp:{data / 'good.bp'}"
+    trained = pave("train", uri, "-o", "run", "--epochs", "1", "--filters", "4")
+    assert trained.code == 0, trained.err
+    size = ("--size", "12x12", "--spp", "1", "--max-depth", "3")
+    assert pave("dataset", "cornell", "bp:more.bp", "--views", "10", *size).code == 0
+    outcome = pave("evaluate", "run", "bp:more.bp")
+    check_nothing(outcome, USAGE, place, files(place), "training images", "--novel bp:more.bp")
+    outcome = pave("evaluate", "run", uri, "--novel", "bp:more.bp", "--json")
+    assert outcome.code == 0, outcome.err
+    counts = [record["images"] for record in outcome.records if record.get("stage") == "evaluate"]
+    assert counts == list(range(1, 4 + 6 + 10 + 1))  # the ambient fit, every split, the other set
+    assert outcome.records[-1]["splits"]["novel"]["images"] == 10
 
 
 def test_images_too_small_for_training(place):

@@ -19,6 +19,7 @@ import torch
 from training_data import make_sample, make_samples, one_thread  # noqa: F401
 
 from pave import checkpoint, training_loop
+from pave.dataset import RenderSettings, render_dataset
 from pave.errors import InputError, RunError, UsageError
 from pave.export import load_generator
 from pave.options import TrainOptions
@@ -426,6 +427,85 @@ def test_signals_are_what_they_were_after_a_run(tmp_path: Path) -> None:
     before = signal.getsignal(signal.SIGINT)
     train(splits(), tmp_path, TrainOptions.from_json(TINY), figures=False, catch_signals=True)
     assert signal.getsignal(signal.SIGINT) == before
+
+
+@pytest.mark.parametrize("best", ["psnr", "ssim", "l1"])
+def test_best_epoch_is_the_best_by_the_metric_chosen(tmp_path: Path, best: str) -> None:
+    """Each metric has its best in another epoch; what is exported are that epoch's weights."""
+    scores = {
+        "val_psnr": [20.0, 30.0, 25.0, 24.0],
+        "val_ssim": [0.5, 0.6, 0.9, 0.7],
+        "val_l1": [0.2, 0.1, 0.3, 0.05],
+    }
+    chosen = {"psnr": 2, "ssim": 3, "l1": 4}[best]
+    averages: list[dict[str, torch.Tensor]] = []
+
+    def validate(self: training_loop.TrainingRun) -> dict[str, float]:
+        weights = self.trainer.average.network.state_dict()
+        averages.append({name: tensor.clone() for name, tensor in weights.items()})
+        return {name: values[self.epoch] for name, values in scores.items()}
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(training_loop.TrainingRun, "_validate", validate)
+        result = run(tmp_path, epochs=4, best=best)
+    assert result.best["epoch"] == chosen
+    exported = load_generator(tmp_path).weights
+    for name, tensor in averages[chosen - 1].items():
+        if name in exported:
+            assert torch.equal(exported[name], tensor), name
+    other = averages[chosen % 4]
+    assert not all(torch.equal(exported[n], other[n]) for n in exported)
+
+
+def test_training_reads_no_test_image(tmp_path: Path) -> None:
+    """Of a data set by its URI only frames of the training and the validation split are ever opened."""
+    import pave
+    from pave.data import split_indices
+
+    views = 10
+    uri = f"bp:{tmp_path / 'd.bp'}"
+    scene = pave.load_scene("cornell")
+    render_dataset(
+        pave.Device(),
+        scene,
+        uri,
+        pave.hemisphere_views(scene, views, 0),
+        RenderSettings(12, 12, 1, 3),
+    )
+    asked: set[int] = set()
+    real = pave.Source.read
+
+    def read(self: pave.Source, position: int) -> pave.Frame:
+        asked.add(position)
+        return real(self, position)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pave.Source, "read", read)
+        options = TrainOptions.from_json({**TINY, "cache_bytes": 0})
+        train(uri, tmp_path / "run", options, figures=False)
+    training, test, validation = split_indices(views)
+    assert asked == {*training, *validation}
+    assert not asked & set(test)
+    assert len(test) == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("seed", -1),
+        ("seed", 2**64),
+        ("seed", 0.5),
+        ("repeat_depth", 4),
+        ("minutes", 0),
+        ("threads", -1),
+        ("checkpoint_seconds", -1),
+        ("adversarial_weight", -1),
+    ],
+)
+def test_options_are_bounded(name: str, value: float) -> None:
+    with pytest.raises(UsageError, match=name):
+        TrainOptions.from_json({name: value})
+    assert TrainOptions.from_json({"seed": 2**64 - 1}).seed == 2**64 - 1
 
 
 def test_order_depends_on_seed_and_epoch_alone() -> None:
