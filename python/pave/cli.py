@@ -402,7 +402,9 @@ def infer(
 def demo(
     folder: Annotated[Path, typer.Argument(help="Where everything goes.")] = Path("demo-out"),
     quick: Annotated[bool, typer.Option("--quick", help="Under three minutes, small.")] = False,
-    full: Annotated[bool, typer.Option("--full", help="The papers' setting; hours.")] = False,
+    full: Annotated[
+        bool, typer.Option("--full", help="The papers' setting, for large machines.")
+    ] = False,
     device: DeviceSpec = "",
     seed: Seed = 0,
     json: Json = False,
