@@ -59,7 +59,8 @@ def installed(tmp_path_factory):
 def test_wheel_works_by_itself(installed, tmp_path):
     python, wheel = installed
     names = zipfile.ZipFile(wheel).namelist()
-    assert sum(name.startswith("pave/_pave.") for name in names) == 1
+    assert sum(name.startswith("pave/_pave.") and name.endswith(".so") for name in names) == 1
+    assert {"pave/_pave.pyi", "pave/py.typed", "pave/templates/report.html.j2"} <= set(names)
     assert sum(name.startswith("pave/libpave.so") for name in names) == 1
     assert "pave/scenes/cornell.xml" in names
     assert not [name for name in names if name.endswith((".cpp", ".h", ".a", ".cmake"))]
