@@ -30,7 +30,8 @@ from pave.training_loop import Progress, TrainingRun, holds_run
 
 @dataclass
 class TrainResult:
-    """What a run came to. `seconds` is wall time by stage; `finished` is False if it was stopped before its last epoch."""
+    """What a run came to. `seconds` is wall time by stage; `finished` is False if it was stopped before its last epoch,
+    `interrupted` True if a signal asked for that, in time or too late."""
 
     folder: Path
     epochs: int
@@ -41,6 +42,7 @@ class TrainResult:
     weights_version: str
     resumed_from: int
     finished: bool
+    interrupted: bool = False
     remarks: list[str] = field(default_factory=list)
 
     def to_json(self) -> dict[str, Any]:
@@ -119,6 +121,7 @@ def train(
         weights_version=version,
         resumed_from=run.resumed_from,
         finished=run.epoch >= run.epochs,
+        interrupted=bool(stop),
         remarks=run.remarks,
     )
 

@@ -50,7 +50,7 @@ def run_training(
         )
     for remark in result.remarks:
         console.say(f"pave: warning: {remark}")
-    if not result.finished:
+    if result.interrupted:
         raise RunError(
             f"{folder}: interrupted after step {result.steps}; run the same command again to go on"
         )

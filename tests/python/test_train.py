@@ -423,6 +423,32 @@ def test_stop_in_a_step_or_in_validation_is_unbroken(tmp_path: Path, stop_at: in
         assert {**ours, "seconds": 0} == {**theirs, "seconds": 0}
 
 
+def test_a_signal_too_late_to_stop_the_run_still_ends_the_command(tmp_path: Path) -> None:
+    """While the last checkpoint is saved: the run is whole, but what would come after it is not begun."""
+    from pave.console import Console
+    from pave.training_session import run_training
+
+    real = training_loop.save_checkpoint
+
+    def save(folder: Path, state: dict, step: int) -> Path:
+        if step == 12:
+            signal.raise_signal(signal.SIGINT)
+        return real(folder, state, step)
+
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(training_loop, "save_checkpoint", save)
+        patch.setattr("pave.train.load_splits", lambda *_: (splits()[0], [], splits()[1]))
+        try:
+            with pytest.raises(RunError, match="interrupted after step 12"):
+                run_training(Console(json_lines=True), "bp:made-up", tmp_path, dict(TINY))
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+    again = run(tmp_path)
+    assert (again.resumed_from, again.finished) == (12, True)
+
+
 def test_signals_are_what_they_were_after_a_run(tmp_path: Path) -> None:
     before = signal.getsignal(signal.SIGINT)
     train(splits(), tmp_path, TrainOptions.from_json(TINY), figures=False, catch_signals=True)
