@@ -16,9 +16,18 @@ pave.errors.
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING, Any
 
-from pave import _pave
+try:
+    import pave._pave as _pave
+except ImportError as error:
+    _reason = f"PAVE's compiled module cannot be loaded: {error}; run ./pave, which builds it"
+    # `python -m pave` comes here before __main__ has a chance to make this one line.
+    if sys.argv[:1] == ["-m"] and any(word.partition(".")[0] == "pave" for word in sys.orig_argv):
+        sys.exit(f"pave: error: {' '.join(_reason.split())}")
+    raise ImportError(_reason) from error
+
 from pave.buffers import (
     KNOWN_CHANNELS,
     Channel,

@@ -15,6 +15,7 @@ import typer
 
 from pave import errors
 from pave.console import Console
+from pave.options import TrainOptions as Defaults
 
 app = typer.Typer(
     add_completion=False,
@@ -268,46 +269,78 @@ def info(
 @app.command()
 def train(
     uri: Annotated[str, typer.Argument(help="Data set: bp:PATH, exr:DIR.")],
-    output: Annotated[Path, typer.Option("-o", "--output", help="Run folder.")],
-    inputs: Annotated[str, typer.Option(help="Input channels.")] = "albedo,direct,normal,depth",
-    epochs: Annotated[int | None, typer.Option(help="Passes over the training split.")] = None,
-    batch: Annotated[int | None, typer.Option(help="Images a step.")] = None,
-    lr: Annotated[float | None, typer.Option(help="Adam's learning rate.")] = None,
-    beta1: Annotated[float | None, typer.Option(help="Adam's first beta.")] = None,
-    beta2: Annotated[float | None, typer.Option(help="Adam's second beta.")] = None,
-    l1_weight: Annotated[float | None, typer.Option(help="Weight of the L1 loss.")] = None,
-    filters: Annotated[int | None, typer.Option(help="Filters of the first layer.")] = None,
-    unet_depth: Annotated[int | None, typer.Option(help="Levels of the U-Net.")] = None,
-    gan_mode: Annotated[str | None, typer.Option(help="Adversarial loss.")] = None,
-    norm: Annotated[str | None, typer.Option(help="batch, instance or none.")] = None,
-    head: Annotated[str | None, typer.Option(help="Output head, e.g. residual or sigmoid.")] = None,
-    seed: Seed = 0,
-    deterministic: Annotated[bool, typer.Option("--deterministic", help="Same bits.")] = False,
-    torch_device: Annotated[str, typer.Option(help="auto, cpu or cuda.")] = "auto",
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="Run folder: a new one, or one to go on with.")
+    ],
+    inputs: Annotated[str, typer.Option(help="Input channels.")] = ",".join(Defaults.inputs),
+    repeat_depth: Annotated[
+        int, typer.Option(help="Planes that depth is given as; 3 in the papers.")
+    ] = Defaults.repeat_depth,
+    epochs: Annotated[int, typer.Option(help="Passes over the training split.")] = Defaults.epochs,
+    minutes: Annotated[
+        float | None,
+        typer.Option(help="Instead of --epochs: as many as fit, by a short trial. Default: none."),
+    ] = Defaults.minutes,
+    batch: Annotated[int, typer.Option(help="Images a step.")] = Defaults.batch,
+    lr: Annotated[float, typer.Option(help="Adam's learning rate.")] = Defaults.lr,
+    beta1: Annotated[float, typer.Option(help="Adam's first beta.")] = Defaults.beta1,
+    beta2: Annotated[float, typer.Option(help="Adam's second beta.")] = Defaults.beta2,
+    l1_weight: Annotated[float, typer.Option(help="Weight of the L1 loss.")] = Defaults.l1_weight,
+    adversarial_weight: Annotated[
+        float, typer.Option(help="Weight of the adversarial loss; 0 trains no discriminator.")
+    ] = Defaults.adversarial_weight,
+    gan_mode: Annotated[
+        str, typer.Option(help="Adversarial loss: bce, lsgan or hinge.")
+    ] = Defaults.gan_mode,
+    filters: Annotated[int, typer.Option(help="Filters of the first layer.")] = Defaults.filters,
+    unet_depth: Annotated[int, typer.Option(help="Levels of the U-Net.")] = Defaults.unet_depth,
+    norm: Annotated[str, typer.Option(help="batch, instance or none.")] = Defaults.norm,
+    head: Annotated[str, typer.Option(help="Output: residual or sigmoid.")] = Defaults.head,
+    mirror: Annotated[
+        bool, typer.Option("--mirror", help="Every second step sees the mirrored world.")
+    ] = Defaults.mirror,
+    best: Annotated[
+        str, typer.Option(help="What chooses the best epoch: psnr, ssim or l1.")
+    ] = Defaults.best,
+    seed: Seed = Defaults.seed,
+    deterministic: Annotated[
+        bool, typer.Option("--deterministic", help="Same bits.")
+    ] = Defaults.deterministic,
+    checkpoint_seconds: Annotated[
+        float, typer.Option(help="Save in mid-epoch after this time; 0: never.")
+    ] = Defaults.checkpoint_seconds,
+    threads: Annotated[int, typer.Option(help="0: torch's own choice.")] = Defaults.threads,
+    torch_device: Annotated[str, typer.Option(help="auto, cpu or cuda.")] = Defaults.device,
     json: Json = False,
 ) -> None:
     """Train the conditional GAN on a data set; resumes by itself if the run folder has a checkpoint."""
     from pave.training_session import run_training
 
     console = Console(json)
-    given = {
+    options = {
         "inputs": parse_channels(inputs),
+        "repeat_depth": repeat_depth,
         "epochs": epochs,
+        "minutes": minutes,
         "batch": batch,
         "lr": lr,
         "beta1": beta1,
         "beta2": beta2,
         "l1_weight": l1_weight,
+        "adversarial_weight": adversarial_weight,
+        "gan_mode": gan_mode,
         "filters": filters,
         "unet_depth": unet_depth,
-        "gan_mode": gan_mode,
         "norm": norm,
         "head": head,
+        "mirror": mirror,
+        "best": best,
         "seed": seed,
-        "deterministic": deterministic or None,
+        "deterministic": deterministic,
+        "checkpoint_seconds": checkpoint_seconds,
+        "threads": threads,
         "device": torch_device,
     }
-    options = {key: value for key, value in given.items() if value is not None}
     result = run_training(console, uri, output, options)
     console.result(result)
 
@@ -343,21 +376,22 @@ def infer(
     json: Json = False,
 ) -> None:
     """Render only the cheap buffers of a scene and let the network draw the rest, in the renderer."""
+    from pave.dataset import RenderSettings
     from pave.image import check_output, write_image
     from pave.inference import draw_view
 
     console = Console(json)
     check_output(output)
     loaded = _load_scene(console, scene, define, ignore_unsupported)
-    width, height = parse_size(size)
+    settings = RenderSettings(*parse_size(size), spp, seed=seed).resolved(loaded)
     frame, record = draw_view(
         run,
         loaded,
         device=device,
-        width=width or loaded.width,
-        height=height or loaded.height,
-        spp=spp,
-        seed=seed,
+        width=settings.width,
+        height=settings.height,
+        spp=settings.spp,
+        seed=settings.seed,
         compare=compare,
     )
     write_image(frame, output, "pave", color="drawn")
@@ -368,7 +402,9 @@ def infer(
 def demo(
     folder: Annotated[Path, typer.Argument(help="Where everything goes.")] = Path("demo-out"),
     quick: Annotated[bool, typer.Option("--quick", help="Under three minutes, small.")] = False,
-    full: Annotated[bool, typer.Option("--full", help="The papers' setting; hours.")] = False,
+    full: Annotated[
+        bool, typer.Option("--full", help="The papers' setting, for large machines.")
+    ] = False,
     device: DeviceSpec = "",
     seed: Seed = 0,
     json: Json = False,

@@ -9,7 +9,7 @@ import json
 import math
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -64,15 +64,32 @@ class Console:
         if not self.json_lines and not self.terminal:
             self.say(f"{title}: {bar.summary()}")
 
+    @contextmanager
+    def counted(self, stage: str, unit: str) -> Iterator[Callable[[int, int], None]]:
+        """A bar and events for work of many like steps: call what it yields with (done, total) after each."""
+        with self.progress(stage, 1, unit) as bar:
+
+            def step(done: int, total: int) -> None:
+                bar.total = total
+                bar.update(done)
+                self.event({"stage": stage, unit: done, "of": total})
+
+            yield step
+
 
 class Progress:
-    """One bar. `update(done, note)` may be called as often as one likes; `total` may change in between."""
+    """One bar. `update(done, note)` may be called as often as one likes; `total` may change in between.
+
+    Rates are of what was done since the first update: what an earlier call did took no time of this one.
+    """
 
     def __init__(self, title: str, total: float, unit: str, visible: bool) -> None:
         self.title, self.total, self.unit = title, total, unit
+        self.begin = time.monotonic()
+        self.first: tuple[float, float] | None = None  # done and time of the first update
         self.done = 0.0
-        self.start = time.monotonic()
-        self._bar = None
+        self._bar: Any = None
+        self._task: Any = None
         if visible:
             from rich.console import Console as RichConsole
             from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
@@ -91,17 +108,31 @@ class Progress:
             self._bar.start()
             self._task = self._bar.add_task(title, total=total, rate="", note="")
 
+    @property
+    def rate(self) -> float | None:
+        """Units a second since the first update; None if nothing was done since."""
+        if self.first is None or self.done <= self.first[0]:
+            return None
+        return (self.done - self.first[0]) / max(time.monotonic() - self.first[1], 1e-9)
+
     def update(self, done: float, note: str = "") -> None:
         self.done = done
+        begins = self.first is None
+        if begins:
+            self.first = (done, time.monotonic())
         if self._bar is not None:
-            seconds = max(time.monotonic() - self.start, 1e-9)
-            rate = f"{done / seconds:.2f} {self.unit}/s"
-            self._bar.update(self._task, total=self.total, completed=done, rate=rate, note=note)
+            # reset() at the first, so that the bar's own ETA too leaves out what was done before.
+            show = self._bar.reset if begins else self._bar.update
+            rate = self._rate_text()
+            show(self._task, total=self.total, completed=done, rate=rate, note=note)
+
+    def _rate_text(self) -> str:
+        return "" if self.rate is None else f"{self.rate:.2f} {self.unit}/s"
 
     def summary(self) -> str:
-        seconds = time.monotonic() - self.start
-        rate = self.done / seconds if seconds > 0 else 0.0
-        return f"{self.done:g} {self.unit} in {seconds:.1f} s ({rate:.2f} {self.unit}/s)"
+        seconds = time.monotonic() - self.begin
+        rate = f" ({self._rate_text()})" if self.rate is not None else ""
+        return f"{self.done:g} {self.unit} in {seconds:.1f} s{rate}"
 
     def close(self) -> None:
         if self._bar is not None:

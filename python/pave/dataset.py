@@ -137,10 +137,13 @@ def render_views(
             on_frame(index + 1, stage)
 
 
-def finished_frames(uri: str, settings: RenderSettings) -> int | None:
+def check_resume(
+    uri: str, scene: pave.Scene, views: Sequence[pave.View], settings: RenderSettings
+) -> int | None:
     """Frames of a data set that its writer closed; None if it is unfinished or not there.
 
-    `settings` are resolved ones. Raises UsageError if the set was made with others.
+    `settings` are resolved ones. Raises UsageError that names the first thing in which the frames there differ from what is
+    asked for now: one data set holds one scene, rendered in one way.
     """
     import pave
 
@@ -150,20 +153,36 @@ def finished_frames(uri: str, settings: RenderSettings) -> int | None:
         source = pave.Source(uri, allow_unfinished=True)
     except InputError:
         return None  # the stage says what is wrong with it
-    if not source.finished:
-        return None
     there: dict[str, Any] = {"size": (source.width, source.height), "channels": source.channels}
     asked: dict[str, Any] = {
         "size": (settings.width, settings.height),
         "channels": list(settings.channels),
     }
-    if len(source):
+    if len(source) and views:
+        first = source.metadata(0)
+        there["scene_hash"], asked["scene_hash"] = first["scene_hash"], scene.hash
         for key in ("spp", "max_depth", "seed"):
-            there[key], asked[key] = source.metadata(0)[key], getattr(settings, key)
+            there[key], asked[key] = first[key], getattr(settings, key)
+        if first.get("rr_depth"):  # 0 or absent: its writer did not say
+            there["rr_depth"], asked["rr_depth"] = first["rr_depth"], settings.rr_depth
+        there["view 0"] = _view_of(first)
+        asked["view 0"] = views[0]
     for key, value in asked.items():
         if there[key] != value:
-            raise UsageError(f"{uri} is finished with {key} {there[key]}, not {value}")
-    return len(source)
+            raise UsageError(
+                f"{uri} was made with {key} {there[key]}, not {value}; "
+                "ask for the same to resume it, or name another place"
+            )
+    return len(source) if source.finished else None
+
+
+def _view_of(metadata: pave.Metadata) -> pave.View:
+    import numpy as np
+
+    import pave
+
+    matrix = np.array(metadata["world_from_camera"], dtype=np.float32).reshape(4, 4)
+    return pave.View(matrix, metadata["fov_x_degrees"])
 
 
 def render_dataset(
@@ -188,7 +207,7 @@ def render_dataset(
     import pave
 
     settings = settings.resolved(scene)
-    there = finished_frames(uri, settings) if resume else None
+    there = check_resume(uri, scene, views, settings) if resume else None
     if there is not None:
         if there != len(views):
             raise UsageError(

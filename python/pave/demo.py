@@ -8,15 +8,17 @@ from __future__ import annotations
 import json
 import statistics
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pave.checks import UINT64_MAX, whole
 from pave.console import Console
 from pave.dataset import CHANNELS, RenderSettings, render_dataset
-from pave.errors import UsageError
+from pave.errors import InputError, RunError, UsageError
+from pave.files import make_folder, read_bytes, remove_stale, write_json
 from pave.inference import cheap_depth
 
 if TYPE_CHECKING:
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
     from pave.evaluate import Evaluation
 
 SCENE, NOVEL_SCENE = "cornell", "novel"
+SECONDS_FILE = "seconds.json"
 DRAWN_VIEWS = 8
 
 
@@ -50,9 +53,23 @@ SETTINGS = {
         256,
         1000,
         50,
-        {"epochs": 400, "filters": 64, "unet_depth": 6, "batch": 4, "lr": 5e-4},
+        {
+            "epochs": 400,
+            "filters": 64,
+            "unet_depth": 6,
+            "batch": 4,
+            "lr": 5e-4,
+            "repeat_depth": 3,  # 12 planes of buffers and 3 of the image
+        },
     ),
 }
+
+
+def _read_json(path: Path) -> Any:
+    try:
+        return json.loads(read_bytes(path))
+    except ValueError as error:
+        raise InputError(f"{path}: is damaged: {error}; name another folder") from error
 
 
 class _Demo:
@@ -62,34 +79,67 @@ class _Demo:
         import pave
 
         self.console, self.folder, self.setting, self.seed = console, folder, SETTINGS[name], seed
-        folder.mkdir(parents=True, exist_ok=True)
-        self._agree_on_setting(name)
+        # All that may be refused comes before anything is written.
+        whole("seed", seed, 0, UINT64_MAX)
         self.device = pave.Device(device)
+        self._agree_on_setting(name)
         self.trace = pave.Trace()
-        self.seconds: dict[str, float] = {}
         self.run = folder / "run"
         self.data, self.novel = f"bp:{folder / 'cornell.bp'}", f"bp:{folder / 'novel.bp'}"
+        self.seconds, self.done = self._earlier_seconds()
 
     def _agree_on_setting(self, name: str) -> None:
+        """Makes the folder, or looks whether the demo in it is this one."""
         path = self.folder / "demo.json"
         record = {"setting": name, "seed": self.seed, **asdict(self.setting)}
+        remove_stale(self.folder)
         if path.exists():
-            if json.loads(path.read_text()) != record:
+            there = _read_json(path)
+            if not isinstance(there, dict) or "setting" not in there:
+                raise InputError(f"{path}: is not a demo's setting; name another folder")
+            if there != record:
                 raise UsageError(
                     f"{self.folder} holds a demo of another setting; name another folder"
                 )
             return
-        if any(self.folder.iterdir()):
+        if self.folder.is_dir() and any(self.folder.iterdir()):
             raise UsageError(f"{self.folder} is not empty and holds no demo; name another folder")
-        path.write_text(json.dumps(record, indent=1) + "\n")
+        make_folder(self.folder)
+        write_json(path, record)
+
+    # Time ------------------------------------------------------------------------------------------------------------
+
+    def _earlier_seconds(self) -> tuple[dict[str, float], set[str]]:
+        """Seconds by step that earlier calls took, and which steps they finished."""
+        path = self.folder / SECONDS_FILE
+        if not path.exists():
+            return {}, set()
+        record = _read_json(path)
+        try:
+            seconds = {str(name): float(value) for name, value in record["seconds"].items()}
+            return seconds, {str(name) for name in record["done"]}
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            raise InputError(f"{path}: not a demo's times: {error}; delete it") from error
 
     @contextmanager
     def step(self, name: str) -> Iterator[None]:
+        """Adds the wall time of its body, interrupted or not, to that of earlier calls; a step done before keeps its own."""
         begin = time.perf_counter()
-        with self.trace.span(name):
-            yield
-        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begin
+        finished = False
+        try:
+            with self.trace.span(name):
+                yield
+            finished = True
+        finally:
+            if name not in self.done:
+                self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begin
+                if finished:
+                    self.done.add(name)
+                record = {"seconds": self.seconds, "done": sorted(self.done)}
+                write_json(self.folder / SECONDS_FILE, record)
         self.console.event({"stage": name, "seconds": self.seconds[name]})
+
+    # Steps -----------------------------------------------------------------------------------------------------------
 
     @property
     def settings(self) -> RenderSettings:
@@ -139,14 +189,18 @@ class _Demo:
         novel = pave.Dataset(self.novel, list(CHANNELS))
         return {"train": train, "validation": validation, "test": test, "novel": novel}
 
-    def draw(self, test: Dataset) -> dict[str, Any]:
-        """Draws views of the test split in the renderer and compares with torch and with path tracing."""
+    def draw(self, test: Dataset, on_view: Callable[[int, int], None]) -> dict[str, Any]:
+        """Draws views of the test split in the renderer and compares with torch and with path tracing.
+
+        Raises RunError if a cheap pass does not give the buffers that the network was trained on.
+        """
         import numpy as np
 
         import pave
         from pave.export import load_generator
         from pave.image import write_png
         from pave.metrics import psnr
+        from pave.transfer import to_display
 
         scene = pave.load_scene(SCENE)
         renderer = pave.Renderer(self.device, scene)
@@ -158,7 +212,8 @@ class _Demo:
         figures = self.folder / "figures"
         figures.mkdir(exist_ok=True)
         rows = []
-        for index in range(min(DRAWN_VIEWS, len(test))):
+        count = min(DRAWN_VIEWS, len(test))
+        for index in range(count):
             metadata, truth = test.metadata(index), test[index]
             frame = stage.acquire()
             begin = time.perf_counter()
@@ -174,22 +229,27 @@ class _Demo:
             generator.draw(frame)
             done = time.perf_counter()
             drawn = frame["drawn"].torch().clone()
+            for name in generator.inputs:
+                if not np.allclose(frame[name].numpy(), truth[name].numpy(), 1e-5, 1e-6):
+                    raise RunError(
+                        f"view {metadata['index']}: the cheap pass gives another '{name}' than the data set has: "
+                        "the network would draw from what it was not trained on; please report it"
+                    )
             rows.append(
                 {
-                    "same_buffers": all(
-                        np.allclose(frame[name].numpy(), truth[name].numpy(), 1e-5, 1e-6)
-                        for name in generator.inputs
-                    ),
                     "buffers_seconds": buffers - begin,
                     "network_seconds": done - buffers,
                     "path_traced_seconds": metadata["seconds_spent"],
-                    "torch_difference": float((drawn - in_torch.draw(truth)).abs().max()),
+                    "torch_difference": float(
+                        (to_display(drawn) - to_display(in_torch.draw(truth))).abs().max()
+                    ),
                     "psnr": float(psnr(drawn, truth["color"])),
                 }
             )
             write_png(drawn.numpy(), figures / f"view-{metadata['index']:04d}-drawn.png")
             write_png(truth["color"].numpy(), figures / f"view-{metadata['index']:04d}-path.png")
             del frame
+            on_view(index + 1, count)
 
         def median(key: str) -> float:
             # The first view pays for compiling kernels.
@@ -197,7 +257,7 @@ class _Demo:
 
         return {
             "views": len(rows),
-            "same_buffers": all(row["same_buffers"] for row in rows),
+            "same_buffers": True,  # else it was raised above
             "torch_difference": max(row["torch_difference"] for row in rows),
             "psnr": statistics.mean(row["psnr"] for row in rows),
             "buffers_ms": 1e3 * median("buffers_seconds"),
@@ -205,7 +265,13 @@ class _Demo:
             "path_traced_ms": 1e3 * median("path_traced_seconds"),
         }
 
-    def report(self, splits: dict[str, Dataset], scores: Evaluation, drawn: dict[str, Any]) -> Path:
+    def report(
+        self,
+        splits: dict[str, Dataset],
+        scores: Evaluation,
+        drawn: dict[str, Any],
+        on_picture: Callable[[int, int], None],
+    ) -> Path:
         from pave.report import write_report
 
         provenance = {
@@ -213,7 +279,10 @@ class _Demo:
             "device": self.device.profile.to_dict(),
             "drawn in the renderer": drawn,
             "data": dict(splits["train"].metadata(0)),
-            "views on the novel scene": len(splits["novel"]),
+            "novel scene": {
+                "views": len(splits["novel"]),
+                **splits["novel"].metadata(0),
+            },
         }
         return write_report(
             self.folder / "report.html",
@@ -222,6 +291,7 @@ class _Demo:
             scores,
             stages=self.seconds,
             provenance=provenance,
+            on_progress=on_picture,
         )
 
 
@@ -230,33 +300,38 @@ def run_demo(
 ) -> dict[str, Any]:
     """The whole experiment into `folder`; `name` is "quick", "standard" or "full". Returns its figures.
 
-    A second call goes on where the first was stopped. Raises UsageError if the folder holds something else.
+    A second call goes on where the first was stopped. Raises UsageError if the folder holds something else, InputError if
+    what it holds is damaged, RunError if it was interrupted in its training.
     """
-    from pave.evaluate import evaluate
-
     demo = _Demo(console, folder, name, device, seed)
-    setting = demo.setting
+    try:
+        return _run_steps(demo)
+    finally:
+        demo.trace.write(folder / "trace.json")
+
+
+def _run_steps(demo: _Demo) -> dict[str, Any]:
+    from pave.training_session import evaluate_splits
+
+    console, setting, seed = demo.console, demo.setting, demo.seed
     with demo.step("render"):
         demo.render(SCENE, demo.data, setting.views, seed)
     with demo.step("render novel scene"):
-        demo.render(NOVEL_SCENE, demo.novel, setting.novel_views, seed + 1)
+        demo.render(NOVEL_SCENE, demo.novel, setting.novel_views, (seed + 1) % (UINT64_MAX + 1))
     with demo.step("train"):
         training = demo.train()
     splits = demo.splits()
     with demo.step("evaluate"):
-        console.say("evaluate: every image of every split")
-        scores = evaluate(demo.run, splits)
-    with demo.step("draw"):
-        console.say("draw: the network in the renderer")
-        drawn = demo.draw(splits["test"])
-    with demo.step("report"):
-        page = demo.report(splits, scores, drawn)
-    demo.trace.write(folder / "trace.json")
+        scores = evaluate_splits(console, demo.run, splits)
+    with demo.step("draw"), console.counted("draw", "views") as step:
+        drawn = demo.draw(splits["test"], step)
+    with demo.step("report"), console.counted("report", "pictures") as step:
+        page = demo.report(splits, scores, drawn, step)
     if not console.json_lines:
         console.say(scores.table())
     test = scores.splits["test"]
     return {
-        "folder": str(folder),
+        "folder": str(demo.folder),
         "report": str(page),
         "psnr": test.means["generated"]["psnr"],
         "ssim": test.means["generated"]["ssim"],

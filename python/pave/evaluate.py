@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import csv
 import io
-import json
-from collections.abc import Mapping, Sequence
+import itertools
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ import torch
 from pave import metrics
 from pave.errors import UsageError
 from pave.export import ExportedGenerator, load_generator
-from pave.files import write_atomic
+from pave.files import write_atomic, write_json
 from pave.schema import TARGET, Sample
 
 EVALUATION_FILE = "evaluation.json"
@@ -43,31 +43,36 @@ class SplitScores:
     per_image: list[dict[str, float]] = field(repr=False)
 
     @property
-    def baseline_psnr(self) -> float:
-        """The better baseline's."""
-        return max(values["psnr"] for method, values in self.means.items() if method != "generated")
+    def baseline_psnr(self) -> float | None:
+        """The better baseline's; None if the frames hold no channels to make one of."""
+        baselines = [values["psnr"] for name, values in self.means.items() if name != "generated"]
+        return max(baselines, default=None)
 
     @property
-    def gain(self) -> float:
-        """dB that the network is above the better baseline."""
-        return self.means["generated"]["psnr"] - self.baseline_psnr
+    def gain(self) -> float | None:
+        """dB that the network is above the better baseline, if there is one."""
+        best = self.baseline_psnr
+        return None if best is None else self.means["generated"]["psnr"] - best
 
     def to_json(self) -> dict[str, Any]:
-        return {"images": self.images, **self.means, "gain_db": self.gain}
+        record: dict[str, Any] = {"images": self.images, **self.means}
+        if self.gain is not None:
+            record["gain_db"] = self.gain
+        return record
 
 
 @dataclass
 class Evaluation:
-    """Scores of all splits."""
+    """Scores of all splits. `ambient` is None if the training split lacks a channel of the baseline."""
 
     weights_version: str
-    ambient: list[float]
+    ambient: list[float] | None
     splits: dict[str, SplitScores]
 
     def to_json(self) -> dict[str, Any]:
         return {
             "weights_version": self.weights_version,
-            "ambient": self.ambient,
+            **({} if self.ambient is None else {"ambient": self.ambient}),
             "comparison": "sRGB, clipped to [0, 1]; rel_mse of linear radiance",
             "splits": {name: scores.to_json() for name, scores in self.splits.items()},
         }
@@ -85,18 +90,23 @@ class Evaluation:
 
 
 def draw_all(
-    generator: ExportedGenerator, sample: Sample, ambient: torch.Tensor
+    generator: ExportedGenerator, sample: Sample, ambient: Sequence[float] | None
 ) -> dict[str, torch.Tensor]:
-    """The image of each method for one frame, linear radiance."""
+    """The image of each method for one frame, linear radiance; of a baseline only if its channels are there."""
     images = {"generated": generator.draw(sample)}
-    if all(name in sample for name in BASELINE_CHANNELS):
+    if "direct" in sample:
         images["direct"] = sample["direct"]
-        images["ambient"] = metrics.with_ambient(sample, ambient)
+        if "albedo" in sample and ambient is not None:
+            images["ambient"] = metrics.with_ambient(sample, torch.tensor(ambient))
     return images
 
 
 def score_split(
-    generator: ExportedGenerator, samples: Sequence[Sample], ambient: torch.Tensor, name: str
+    generator: ExportedGenerator,
+    samples: Sequence[Sample],
+    ambient: Sequence[float] | None,
+    name: str,
+    on_image: Callable[[], Any] | None = None,
 ) -> SplitScores:
     """Scores of one split. Raises UsageError if it is empty or lacks a channel."""
     if len(samples) == 0:
@@ -112,6 +122,8 @@ def score_split(
                 row[f"{method}_{measure}"] = float(value)
             row[f"{method}_psnr"] = min(row[f"{method}_psnr"], PSNR_CAP)
         rows.append(row)
+        if on_image is not None:
+            on_image()
     means: dict[str, dict[str, float]] = {}
     for method in METHODS:
         if f"{method}_psnr" in rows[0]:
@@ -127,24 +139,41 @@ def evaluate(
     splits: Mapping[str, Sequence[Sample]],
     *,
     write: bool = True,
+    on_progress: Callable[[int, int], Any] | None = None,
 ) -> Evaluation:
     """Scores of the generator in `run` on each of `splits`; "train" is where the ambient baseline is fitted.
 
-    Samples hold `color`, `direct`, `albedo` and the network's inputs. With `write` the folder gets evaluation.json and, image
-    by image, evaluation.csv. Raises UsageError for missing splits or channels, InputError for a damaged run.
+    Samples hold `color` and the network's inputs, and `direct` and `albedo` for the baselines, which are left out where those
+    are missing. With `write` the folder gets evaluation.json and, image by image, evaluation.csv. `on_progress(done, total)`
+    is called after each image. Raises UsageError for missing splits or channels, or images too small to compare; InputError
+    for a damaged run.
     """
     generator = load_generator(run)
     if "train" not in splits:
         raise UsageError("evaluate() fits the ambient baseline on the split 'train': pass it too")
     training = splits["train"]
-    have = set(training[0]) if len(training) else set()
-    ambient = torch.zeros(3)
-    if set(BASELINE_CHANNELS) <= have:
-        ambient = metrics.fit_ambient(training[i] for i in range(len(training)))
+    baseline = len(training) > 0 and {*BASELINE_CHANNELS, TARGET} <= set(training[0])
+    total = sum(len(split) for split in splits.values()) + (len(training) if baseline else 0)
+    steps = itertools.count(1)
+
+    def step() -> None:
+        if on_progress is not None:
+            on_progress(next(steps), total)
+
+    ambient = None
+    if baseline:
+        fit = metrics.AmbientFit()
+        for index in range(len(training)):
+            fit.add(training[index])
+            step()
+        ambient = [float(k) for k in fit.ambient]
     result = Evaluation(
         generator.weights_version,
-        [float(k) for k in ambient],
-        {name: score_split(generator, split, ambient, name) for name, split in splits.items()},
+        ambient,
+        {
+            name: score_split(generator, split, ambient, name, step)
+            for name, split in splits.items()
+        },
     )
     if write:
         _write(Path(run), result)
@@ -152,11 +181,11 @@ def evaluate(
 
 
 def _write(run: Path, result: Evaluation) -> None:
-    text = json.dumps(result.to_json(), indent=1) + "\n"
-    write_atomic(run / EVALUATION_FILE, text.encode())
+    write_json(run / EVALUATION_FILE, result.to_json())
     table = io.StringIO()
-    columns = ["split", *next(iter(result.splits.values())).per_image[0]]
-    writer = csv.DictWriter(table, columns, restval="", lineterminator="\n", extrasaction="ignore")
+    names = (name for scores in result.splits.values() for name in scores.per_image[0])
+    columns = ["split", *dict.fromkeys(names)]
+    writer = csv.DictWriter(table, columns, restval="", lineterminator="\n")
     writer.writeheader()
     for name, scores in result.splits.items():
         for row in scores.per_image:

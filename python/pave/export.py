@@ -275,7 +275,7 @@ class ExportedGenerator:
 
 
 def pad_to_multiple(buffers: torch.Tensor, multiple: int) -> torch.Tensor:
-    """Repeats the last row and column until both sides are multiples; the caller crops the result."""
+    """Repeats the last row and column of (..., C, H, W) until both sides are multiples; the caller crops the result."""
     height, width = buffers.shape[-2:]
     right, bottom = -width % multiple, -height % multiple
     if not (right or bottom):

@@ -5,10 +5,12 @@ SPDX-License-Identifier: BSD-3-Clause
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 from pave.errors import InputError, RunError
 
@@ -23,7 +25,10 @@ def hash_bytes(data: bytes) -> str:
 
 
 def write_atomic(path: Path, data: bytes) -> None:
-    """Writes, syncs, renames, syncs the folder. A crash leaves the old file or the new one. Raises RunError."""
+    """Writes, syncs, renames, syncs the folder. A crash leaves the old file or the new one. Raises RunError.
+
+    What is beside its name until then goes when anything is raised, Ctrl-C included; after a kill remove_stale() does it.
+    """
     partial = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         with open(partial, "wb") as file:
@@ -32,9 +37,36 @@ def write_atomic(path: Path, data: bytes) -> None:
             os.fsync(file.fileno())
         os.replace(partial, path)
         sync_folder(path.parent)
-    except OSError as error:
-        partial.unlink(missing_ok=True)
-        raise RunError(f"{path}: cannot be written: {error.strerror or error}") from error
+    except BaseException as error:
+        with contextlib.suppress(OSError):
+            partial.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise RunError(f"{path}: cannot be written: {error.strerror or error}") from error
+        raise
+
+
+def write_json(path: Path, record: Any) -> None:
+    """A JSON file for people and machines, whole or absent. Raises RunError."""
+    write_atomic(path, (json.dumps(record, indent=1) + "\n").encode())
+
+
+def remove_stale(folder: Path) -> None:
+    """Removes what write_atomic() of a process that is no more left half-written in `folder`, which may be missing."""
+    for partial in folder.glob(".*.tmp"):
+        number = partial.name.split(".")[-2]
+        if number.isdecimal() and not _is_running(int(number)):
+            with contextlib.suppress(OSError):
+                partial.unlink(missing_ok=True)
+
+
+def _is_running(process: int) -> bool:
+    try:
+        os.kill(process, 0)  # sends nothing
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:
+        pass  # somebody else's
+    return True
 
 
 def sync_folder(folder: Path) -> None:

@@ -5,12 +5,14 @@ SPDX-License-Identifier: BSD-3-Clause
 
 from __future__ import annotations
 
+import io
 import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pave.errors import RunError, UsageError
+from pave.files import write_atomic
 
 if TYPE_CHECKING:
     import numpy as np
@@ -50,13 +52,9 @@ def write_png(linear: np.ndarray, path: Path) -> None:
     from PIL import Image
 
     pixels = (to_srgb(linear).transpose(1, 2, 0) * 255 + 0.5).astype(np.uint8)
-    partial = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        Image.fromarray(pixels).save(partial, format="PNG")
-        os.replace(partial, path)
-    except OSError as error:
-        partial.unlink(missing_ok=True)
-        raise RunError(f"{path}: cannot be written: {error.strerror or error}") from error
+    buffer = io.BytesIO()
+    Image.fromarray(pixels).save(buffer, format="PNG")
+    write_atomic(path, buffer.getvalue())
 
 
 def write_image(frame: pave.Frame, path: Path, names: str = "pave", color: str = "color") -> None:

@@ -43,6 +43,10 @@ def draw_view(
     """
     import pave
 
+    if compare:
+        from pave.metrics import check_size, psnr, ssim
+
+        check_size(width, height)
     target = pave.Device(device)
     generator = pave.Generator(target, str(run))
     channels = [*generator.inputs, "drawn"]
@@ -64,8 +68,6 @@ def draw_view(
         "seconds": {"buffers": rendered - begin, "network": drawn - rendered},
     }
     if compare:
-        from pave.metrics import psnr, ssim
-
         reference = stage.acquire()
         renderer.render(
             view,

@@ -12,6 +12,7 @@ from collections.abc import Iterable
 
 import torch
 
+from pave.errors import UsageError
 from pave.schema import TARGET, Sample
 from pave.transfer import to_display
 
@@ -19,6 +20,15 @@ SSIM_SIGMA = 1.5  # Wang et al. 2004
 SSIM_RADIUS = 5
 SSIM_K1, SSIM_K2 = 0.01, 0.03
 REL_MSE_EPSILON = 1e-2  # keeps black pixels from counting without bound (Rousselle et al. 2011)
+
+
+def check_size(width: int, height: int) -> None:
+    """Raises UsageError for images that SSIM cannot compare, before any work is done on them."""
+    if min(width, height) <= 2 * SSIM_RADIUS:
+        side = 2 * SSIM_RADIUS + 1
+        raise UsageError(
+            f"images of {width}x{height} pixels are too small: SSIM compares windows of {side}x{side}"
+        )
 
 
 def psnr(ours: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
@@ -69,8 +79,7 @@ def display_ssim(ours: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
     single = ours.dim() == 3
     if single:
         ours, truth = ours[None], truth[None]
-    if min(ours.shape[-2:]) <= 2 * SSIM_RADIUS:
-        raise ValueError(f"SSIM needs images larger than {2 * SSIM_RADIUS} pixels a side")
+    check_size(ours.shape[-1], ours.shape[-2])
     x, y = ours.double().flatten(0, 1)[:, None], truth.double().flatten(0, 1)[:, None]
     mean_x, mean_y = _blur(x), _blur(y)
     variance_x = _blur(x * x) - mean_x**2

@@ -1,6 +1,8 @@
 """The options of a training run, with their defaults and bounds.
 
 SPDX-License-Identifier: BSD-3-Clause
+
+The command line shows the defaults in its help: torch is not loaded before an option is checked.
 """
 
 from __future__ import annotations
@@ -9,12 +11,13 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from pave.checks import UINT64_MAX, whole
 from pave.errors import UsageError
-from pave.losses import GAN_MODES
-from pave.models import NORMS, GeneratorOptions
-from pave.schema import check_channels
+
+if TYPE_CHECKING:
+    from pave.models import GeneratorOptions
 
 DEFAULT_INPUTS = ("albedo", "direct", "normal", "depth")
 BEST_METRICS = ("psnr", "ssim", "l1")
@@ -56,6 +59,8 @@ class TrainOptions:
 
     @property
     def generator(self) -> GeneratorOptions:
+        from pave.models import GeneratorOptions
+
         return GeneratorOptions(self.filters, self.unet_depth, self.norm, self.head, self.refine)
 
     def to_json(self) -> dict[str, Any]:
@@ -77,6 +82,10 @@ class TrainOptions:
 
     def check(self) -> None:
         """Raises UsageError for a value out of bounds."""
+        from pave.losses import GAN_MODES
+        from pave.models import NORMS
+        from pave.schema import check_channels
+
         check_channels(self.inputs)
         self.generator.check()
         bounds = {
@@ -95,6 +104,7 @@ class TrainOptions:
             "checkpoint_steps": (0, 10**9),
             "checkpoint_seconds": (0.0, 1e9),
         }
+        whole("seed", self.seed, 0, UINT64_MAX)
         for name, (low, high) in bounds.items():
             value = getattr(self, name)
             if not (math.isfinite(value) and low <= value <= high):

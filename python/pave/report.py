@@ -11,7 +11,7 @@ import base64
 import json
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -51,12 +51,13 @@ def write_report(
     stages: Mapping[str, float] | None = None,
     spans: Sequence[Span] = (),
     provenance: Mapping[str, Any] | None = None,
+    on_progress: Callable[[int, int], Any] | None = None,
 ) -> Path:
     """Writes the report of `run` to `path` and returns it.
 
     `samples` are the splits to show, "test" and perhaps "novel". `stages` are seconds by stage, one after the other; `spans`
-    say more exactly what overlapped and win. `provenance` is any JSON, shown beside the run's own. Raises InputError for a
-    damaged run, RunError if the page cannot be written.
+    say more exactly what overlapped and win. `provenance` is any JSON, shown beside the run's own. `on_progress(done, total)`
+    is called after each frame that is shown. Raises InputError for a damaged run, RunError if the page cannot be written.
     """
     run, path = Path(run), Path(path)
     generator = load_generator(run)
@@ -64,12 +65,12 @@ def write_report(
     page = {
         "title": title,
         "subtitle": subtitle or _subtitle(generator),
-        "tiles": _tiles(evaluation, history, stages, spans),
+        "tiles": _tiles(evaluation, generator.training.get("best", {}), stages, spans),
         "scores": _score_rows(evaluation),
         "charts": _charts(history),
         "provenance": _provenance(generator, evaluation, provenance or {}),
         **_time(stages, spans),
-        **_pictures(generator, samples, evaluation),
+        **_pictures(generator, samples, evaluation, on_progress),
     }
     write_atomic(path, _template().render(page).encode())
     return path
@@ -121,17 +122,21 @@ def _pictures(
     generator: ExportedGenerator,
     samples: Mapping[str, Sequence[Sample]],
     evaluation: Evaluation,
+    on_progress: Callable[[int, int], Any] | None,
 ) -> dict[str, Any]:
-    ambient = torch.tensor(evaluation.ambient)
     groups: list[dict[str, Any]] = []
     slider, buffers = None, []
-    for split, dataset in samples.items():
-        if split not in evaluation.splits or len(dataset) == 0:
-            continue
+    examples = {
+        split: _examples(evaluation.splits[split].per_image)
+        for split, dataset in samples.items()
+        if split in evaluation.splits and len(dataset) > 0
+    }
+    done, total = 0, sum(len(chosen) for chosen in examples.values())
+    for split, chosen in examples.items():
         rows = []
-        for index, kind in _examples(evaluation.splits[split].per_image, split):
-            sample = dataset[index]
-            images = draw_all(generator, sample, ambient)
+        for index, kind in chosen:
+            sample = samples[split][index]
+            images = draw_all(generator, sample, evaluation.ambient)
             if slider is None:
                 slider = {
                     "truth": _embed(plots.display_pixels(sample[TARGET])),
@@ -143,6 +148,9 @@ def _pictures(
                     for name in generator.schema.channels
                 ]
             rows.append(_comparison(sample, images, f"{kind}, image {index}"))
+            done += 1
+            if on_progress is not None:
+                on_progress(done, total)
         groups.append(_group(split, rows))
     return {"groups": groups, "slider": slider, "buffers": buffers}
 
@@ -162,7 +170,7 @@ def _group(split: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
     return {"title": title, "text": text, "rows": rows}
 
 
-def _examples(rows: Sequence[Row], split: str) -> list[tuple[int, str]]:
+def _examples(rows: Sequence[Row]) -> list[tuple[int, str]]:
     """(image, what it stands for): nothing is picked by hand."""
     ranked = sorted(rows, key=lambda row: row["generated_psnr"])
     chosen = [(ranked[len(ranked) // 2], "median"), (ranked[-1], "best"), (ranked[0], "worst")]
@@ -237,7 +245,7 @@ def _subtitle(generator: ExportedGenerator) -> str:
 
 def _tiles(
     evaluation: Evaluation,
-    history: Sequence[Row],
+    best: Mapping[str, float],
     stages: Mapping[str, float] | None,
     spans: Sequence[Span],
 ) -> list[dict[str, str]]:
@@ -247,14 +255,13 @@ def _tiles(
     name = SPLIT_NAMES.get(scores.name, scores.name)
     tiles.append({"value": f"{ours['psnr']:.1f} dB", "label": f"PSNR on the {name} split"})
     tiles.append({"value": f"{ours['ssim']:.3f}", "label": f"SSIM on the {name} split"})
-    if len(scores.means) > 1:
+    if scores.gain is not None:
         tiles.append({"value": f"{scores.gain:+.1f} dB", "label": "over the better baseline"})
     if NOVEL in evaluation.splits:
         novel = evaluation.splits[NOVEL].means["generated"]["psnr"]
         tiles.append({"value": f"{novel:.1f} dB", "label": "PSNR on the novel scene"})
-    if history and "val_d_real" in history[-1]:
-        last = history[-1]
-        verdict = f"{last['val_d_real']:.2f} / {last['val_d_fake']:.2f}"
+    if "val_d_real" in best:  # of the epoch whose weights these are
+        verdict = f"{best['val_d_real']:.2f} / {best['val_d_fake']:.2f}"
         tiles.append({"value": verdict, "label": "verdict on traced / generated"})
     total = max((span.end for span in spans), default=sum((stages or {}).values()))
     if total > 0:
@@ -277,7 +284,7 @@ def _score_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
                     "ssim": f"{values['ssim']:.4f}",
                     "l1": f"{values['l1']:.4f}",
                     "rel_mse": f"{values['rel_mse']:.4f}",
-                    "gain": f"{scores.gain:+.2f} dB" if ours and len(scores.means) > 1 else "",
+                    "gain": f"{scores.gain:+.2f} dB" if ours and scores.gain is not None else "",
                 }
             )
     return rows

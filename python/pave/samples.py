@@ -11,6 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 import torch
 
 from pave.errors import InputError, UsageError
+from pave.export import pad_to_multiple
 from pave.schema import TARGET, Sample, Schema
 
 Batch = tuple[torch.Tensor, torch.Tensor]
@@ -21,16 +22,25 @@ class EncodedImages:
 
     `samples` is any sequence of dicts of (C, H, W) float tensors by channel name, such as pave.Dataset. Up to `cache_bytes`
     everything is encoded once and kept as two tensors; larger sets are encoded as they are read, one batch ahead in another
-    thread.
+    thread. Both sides of what comes out are multiples of `multiple`: the last row and column are repeated, as when the
+    network draws; `height` and `width` are those of the image itself.
     """
 
-    def __init__(self, samples: Sequence[Sample], schema: Schema, cache_bytes: int, name: str):
+    def __init__(
+        self,
+        samples: Sequence[Sample],
+        schema: Schema,
+        cache_bytes: int,
+        name: str,
+        multiple: int = 1,
+    ):
         if len(samples) == 0:
             raise UsageError(f"the {name} split has no images")
-        self.samples, self.schema, self.name = samples, schema, name
-        self.height, self.width = (int(n) for n in samples[0][TARGET].shape[-2:])
+        self.samples, self.schema, self.name, self.multiple = samples, schema, name, multiple
+        self.height, self.width = image_size(samples)
         planes = schema.in_planes + schema.output_planes
-        byte_size = 4 * planes * self.height * self.width * len(samples)
+        padded = (self.height + -self.height % multiple) * (self.width + -self.width % multiple)
+        byte_size = 4 * planes * padded * len(samples)
         self.cache: Batch | None = None
         if byte_size <= cache_bytes:
             pairs = [self._encode(index) for index in range(len(samples))]
@@ -50,7 +60,7 @@ class EncodedImages:
                 f"image {index} of the {self.name} split is {target.shape[-1]}x{target.shape[-2]}, "
                 f"the others are {self.width}x{self.height}"
             )
-        return buffers, target
+        return pad_to_multiple(buffers, self.multiple), pad_to_multiple(target, self.multiple)
 
     def batch(self, indices: torch.Tensor) -> Batch:
         """Images by index, channels last in memory."""
@@ -73,6 +83,14 @@ class EncodedImages:
                 ahead = coming
             if ahead is not None:
                 yield ahead.result()
+
+
+def image_size(samples: Sequence[Sample]) -> tuple[int, int]:
+    """(height, width) of the first image."""
+    if TARGET not in samples[0]:
+        raise UsageError(f"missing channel: {TARGET} (there are {', '.join(sorted(samples[0]))})")
+    height, width = samples[0][TARGET].shape[-2:]
+    return int(height), int(width)
 
 
 def _stack(images: Sequence[torch.Tensor]) -> torch.Tensor:

@@ -17,16 +17,21 @@ from typing import Any
 
 import torch
 
-from pave.files import make_folder
+from pave.checkpoint import FOLDER as CHECKPOINTS
+from pave.checkpoint import list_checkpoints
+from pave.errors import UsageError
+from pave.files import make_folder, remove_stale
+from pave.interrupts import StopRequest
 from pave.options import TrainOptions
 from pave.run_log import Row
 from pave.schema import TARGET, Sample
-from pave.training_loop import Progress, TrainingRun
+from pave.training_loop import Progress, TrainingRun, holds_run
 
 
 @dataclass
 class TrainResult:
-    """What a run came to. `seconds` is wall time by stage; `finished` is False if it was stopped before its last epoch."""
+    """What a run came to. `seconds` is wall time by stage; `finished` is False if it was stopped before its last epoch,
+    `interrupted` True if a signal asked for that, in time or too late."""
 
     folder: Path
     epochs: int
@@ -37,6 +42,7 @@ class TrainResult:
     weights_version: str
     resumed_from: int
     finished: bool
+    interrupted: bool = False
     remarks: list[str] = field(default_factory=list)
 
     def to_json(self) -> dict[str, Any]:
@@ -75,13 +81,18 @@ def train(
     provenance: dict[str, Any] | None = None,
     on_progress: Progress | None = None,
     figures: bool = True,
+    catch_signals: bool = False,
 ) -> TrainResult:
     """Trains on `data`, a data set's URI or its (train, validation) splits, into `folder`.
 
     Goes on from the folder's last checkpoint if there is one. `provenance` is any JSON about the data and is kept with the
-    weights. Without `figures` the TensorBoard files and loss.png are left out. `on_progress(record)` is called every few steps; if it returns False the run stops after a checkpoint. Raises
-    UsageError if the folder holds a run of other options or data, InputError for broken data, RunError if the run cannot go
-    on.
+    weights. Without `figures` the TensorBoard files and loss.png are left out. `on_progress(record)` is called at the start
+    and every few steps; if it returns False the run stops after a checkpoint. With `catch_signals` so does the first SIGINT
+    or SIGTERM once training has begun, after the step at hand; a second one ends the process. The best weights so far are
+    exported in any case.
+
+    Raises UsageError if the folder holds a run of other options or data, or something else; InputError for broken data;
+    RunError if the run cannot go on, or was stopped before there were weights to export.
     """
     options = options or TrainOptions()
     options.check()
@@ -90,11 +101,13 @@ def train(
         splits = load_splits(data, [*options.inputs, TARGET])
         data = splits[0], splits[2]
     folder = Path(folder)
-    make_folder(folder)
+    _open_folder(folder)
+    stop = StopRequest()
     with torch_settings(options):
-        run = TrainingRun(data, folder, options, provenance or {}, on_progress, figures)
+        run = TrainingRun(data, folder, options, provenance or {}, on_progress, figures, stop)
         try:
-            version = run.execute()
+            with stop if catch_signals else contextlib.nullcontext():
+                version = run.execute()
         finally:
             run.log.close()
     assert run.best is not None
@@ -108,8 +121,22 @@ def train(
         weights_version=version,
         resumed_from=run.resumed_from,
         finished=run.epoch >= run.epochs,
+        interrupted=bool(stop),
         remarks=run.remarks,
     )
+
+
+def _open_folder(folder: Path) -> None:
+    """Makes the run folder, or looks whether what is there may be added to."""
+    for each in (folder, folder / CHECKPOINTS):
+        remove_stale(each)
+    if (
+        folder.is_dir()
+        and any(folder.iterdir())
+        and not (holds_run(folder) or list_checkpoints(folder))
+    ):
+        raise UsageError(f"{folder} is not empty and holds no training run; name another folder")
+    make_folder(folder)
 
 
 @contextlib.contextmanager

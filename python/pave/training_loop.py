@@ -19,11 +19,12 @@ import torch
 from pave import export, metrics
 from pave.checkpoint import load_latest, save_checkpoint
 from pave.errors import InputError, RunError, UsageError
-from pave.files import hash_bytes, read_bytes, write_atomic
+from pave.files import hash_bytes, read_bytes, write_json
+from pave.interrupts import StopRequest
 from pave.losses import probability
 from pave.options import TrainOptions
 from pave.run_log import Row, RunLog
-from pave.samples import Batch, EncodedImages, epoch_order, mirror_batch
+from pave.samples import Batch, EncodedImages, epoch_order, image_size, mirror_batch
 from pave.schema import Sample, fit_schema
 from pave.trainer import Trainer
 
@@ -31,6 +32,7 @@ CONFIG_FILE = "config.json"
 REPORT_STEPS = 10  # steps between two calls of on_progress
 VALIDATION_BATCH = 8
 PLANNED_SHARE = 0.92  # of the minutes given; the rest is for what a short trial cannot foresee
+HARD_LIMIT = 1.3  # times the minutes given: a busy machine should not cut off the end of the learning rate's fall
 
 # Options that may differ when a run is resumed: they do not change its result.
 _FREE_OPTIONS = ("checkpoint_steps", "checkpoint_seconds", "cache_bytes", "device")
@@ -47,6 +49,15 @@ def pick_device(name: str) -> torch.device:
     return torch.device(name)
 
 
+def holds_run(folder: Path) -> bool:
+    """Whether the folder's config.json is one that a run wrote."""
+    try:
+        config = json.loads((folder / CONFIG_FILE).read_bytes())
+    except (OSError, ValueError):
+        return False
+    return isinstance(config, dict) and {"options", "epochs", "data_hash"} <= set(config)
+
+
 class TrainingRun:
     """One run folder being filled. Resumes when made over a folder with a checkpoint; execute() does the rest."""
 
@@ -58,22 +69,28 @@ class TrainingRun:
         provenance: dict[str, Any],
         on_progress: Progress | None,
         figures: bool,
+        stop: StopRequest,
     ) -> None:
+        self.stop = stop
         self.seconds = dict.fromkeys(("load", "train", "validate", "checkpoint", "export"), 0.0)
         self.folder, self.options, self.on_progress = folder, options, on_progress
         self.device = pick_device(options.device)
         with self.clock("load"):
             train_samples, validation_samples = data
+            self._check_sizes(data)
             self.schema = fit_schema(
                 (train_samples[i] for i in range(len(train_samples))),
                 options.inputs,
                 repeat_depth=options.repeat_depth,
             )
-            budget = options.cache_bytes
-            self.images = EncodedImages(train_samples, self.schema, budget, "training")
-            self.validation = EncodedImages(validation_samples, self.schema, budget, "validation")
+            how = (self.schema, options.cache_bytes)
+            multiple = 2**options.unet_depth
+            self.images = EncodedImages(train_samples, *how, "training", multiple)
+            self.validation = EncodedImages(validation_samples, *how, "validation", multiple)
         state, self.remarks = load_latest(folder)
         self.config = self._agree_on_config(provenance, resuming=state is not None)
+        if state is None:
+            self._write_config()
         self.epochs = int(self.config["epochs"])
         self.order = self._order(0)
         self.trainer = Trainer(self.schema, options, self.epochs * len(self.order), self.device)
@@ -97,6 +114,21 @@ class TrainingRun:
         finally:
             self.seconds[stage] += time.monotonic() - begin
 
+    def _check_sizes(self, data: tuple[Sequence[Sample], Sequence[Sample]]) -> None:
+        """Raises UsageError for images that no step could be made on."""
+        for samples in data:
+            if len(samples) == 0:
+                continue  # said where it is read
+            height, width = image_size(samples)
+            metrics.check_size(width, height)
+            levels, multiple = self.options.d_layers, 2**self.options.unet_depth
+            side = min(height + -height % multiple, width + -width % multiple)
+            if self.options.adversarial_weight > 0 and side < 2**levels:
+                raise UsageError(
+                    f"d_layers {levels} leaves nothing of images of {width}x{height} pixels; "
+                    f"{side.bit_length() - 1} is the most"
+                )
+
     @property
     def elapsed(self) -> float:
         """Seconds that this run has taken, over all its sessions."""
@@ -108,7 +140,7 @@ class TrainingRun:
     # Configuration ---------------------------------------------------------------------------------------------------
 
     def _agree_on_config(self, provenance: dict[str, Any], resuming: bool) -> dict[str, Any]:
-        """Writes config.json for a new run; for an old one compares it."""
+        """The configuration of a new run; for an old one that in config.json, compared with what is asked for."""
         path = self.folder / CONFIG_FILE
         data_hash = _data_hash(self.images)
         if resuming:
@@ -135,8 +167,10 @@ class TrainingRun:
             "size": [self.images.width, self.images.height],
             "provenance": {**provenance, **software()},
         }
-        write_atomic(path, (json.dumps(config, indent=1) + "\n").encode())
         return config
+
+    def _write_config(self) -> None:
+        write_json(self.folder / CONFIG_FILE, self.config)
 
     def _plan_epochs(self) -> int:
         """Epochs that fit into `minutes`, by a short trial. After that the run no longer depends on the clock."""
@@ -160,18 +194,13 @@ class TrainingRun:
 
     def execute(self) -> str:
         """Trains to the end, or until stopped, and exports the best weights. Returns their version."""
-        stopped = False
-        while self.epoch < self.epochs and not stopped:
-            began = self.elapsed
-            stopped = not self._train_epoch()
-            if stopped:
+        going = True
+        self._report()
+        while going and self.epoch < self.epochs:
+            if self.position == 0 and self._time_is_up():
+                self._end_here()
                 break
-            self._finish_epoch()
-            self._save()
-            limit = self.options.minutes
-            epoch_seconds = self.elapsed - began
-            stopped = limit is not None and self.elapsed + epoch_seconds > 60 * limit
-        if stopped and self.position:
+            going = self._train_epoch() and self._finish_epoch()
             self._save()
         if self.best is None:
             raise RunError(
@@ -181,13 +210,28 @@ class TrainingRun:
             version = self._export()
         return version
 
+    def _time_is_up(self) -> bool:
+        """Whether one more epoch, as long as those before, would pass the hard limit."""
+        if self.options.minutes is None or self.epoch == 0:
+            return False
+        return self.elapsed * (1 + 1 / self.epoch) > 60 * self.options.minutes * HARD_LIMIT
+
+    def _end_here(self) -> None:
+        """Makes the epochs done all that this run has, so that it is finished for every later call too."""
+        self.remarks.append(
+            f"{self.folder}: {self.options.minutes:g} minutes were up after {self.epoch} of the "
+            f"{self.epochs} epochs planned"
+        )
+        self.epochs = self.config["epochs"] = self.epoch
+        self._write_config()
+
     def _to_device(self, batch: Batch) -> Batch:
         return batch[0].to(self.device, non_blocking=True), batch[1].to(
             self.device, non_blocking=True
         )
 
     def _train_epoch(self) -> bool:
-        """The rest of the epoch. False if the caller of train() wants to stop."""
+        """The rest of the epoch's steps. False if somebody wants to stop: the step at hand is done, the next is not."""
         self.order = self._order(self.epoch)
         batches = self.images.batches(self.order[self.position :])
         mark = time.monotonic()
@@ -203,7 +247,8 @@ class TrainingRun:
                     f"{self.folder}: the loss is not a number after {self.trainer.step_index} steps; "
                     "lower lr and start in another folder (the last checkpoint is kept)"
                 )
-            if self.trainer.step_index % REPORT_STEPS == 0 and not self._report():
+            due = self.trainer.step_index % REPORT_STEPS == 0
+            if (due and not self._report()) or self.stop:
                 self.seconds["train"] += time.monotonic() - mark
                 return False
             if self._checkpoint_due():
@@ -213,12 +258,15 @@ class TrainingRun:
         self.seconds["train"] += time.monotonic() - mark
         return True
 
-    def _finish_epoch(self) -> None:
-        """Validation, the epoch's row, and whether it is the best so far."""
+    def _finish_epoch(self) -> bool:
+        """Validation, the epoch's row, and whether it is the best so far. False, with nothing changed, if stopped before."""
+        with self.clock("validate"):
+            scores = self._validate()
+        if scores is None:
+            return False
         row: Row = {name: total / self.position for name, total in self.sums.items()}
         self.epoch, self.position, self.sums = self.epoch + 1, 0, {}
-        with self.clock("validate"):
-            row.update(self._validate())
+        row.update(scores)
         row.update(
             epoch=self.epoch,
             step=self.trainer.step_index,
@@ -235,19 +283,25 @@ class TrainingRun:
                 "row": dict(row),
                 "weights": {name: tensor.detach().clone() for name, tensor in weights.items()},
             }
-        self._report()
+        return self._report() and not self.stop
 
     @torch.no_grad()
-    def _validate(self) -> Row:
+    def _validate(self) -> Row | None:
+        """Means over the validation split; None if stopped meanwhile."""
         generator = self.trainer.average.network
         discriminator = self.trainer.discriminator.eval()
-        sums: Row = {}
-        count = len(self.validation)
+        images, sums = self.validation, Row()
+        count = len(images)
         indices = list(torch.arange(count).split(VALIDATION_BATCH))
-        for batch in self.validation.batches(indices):
+        for batch in images.batches(indices):
+            if self.stop:
+                return None
             buffers, target = self._to_device(batch)
             fake = generator(buffers)
-            ours, truth = self.schema.decode_output(fake), self.schema.decode_output(target)
+            ours, truth = (
+                self.schema.decode_output(image[..., : images.height, : images.width])
+                for image in (fake, target)
+            )
             scores = metrics.compare(ours, truth)
             scores["psnr"] = scores["psnr"].clamp_max(100.0)
             values = {f"val_{name}": scores[name].sum() for name in ("psnr", "ssim", "l1")}
@@ -263,7 +317,7 @@ class TrainingRun:
         """Tells the caller where the run is; False if it wants to stop."""
         if self.on_progress is None:
             return True
-        done, total = self.trainer.step_index, self.trainer.steps
+        done, total = self.trainer.step_index, self.epochs * len(self.order)
         rate = (done - self.resumed_from) / max(time.monotonic() - self.begin, 1e-9)
         record: dict[str, Any] = {
             "epoch": self.epoch,
@@ -271,7 +325,7 @@ class TrainingRun:
             "step": done,
             "steps": total,
             "steps_per_second": rate,
-            "eta_seconds": (total - done) / max(rate, 1e-9),
+            "eta_seconds": (total - done) / rate if rate > 0 else None,
             "seconds": self.elapsed,
         }
         if self.position:

@@ -12,12 +12,24 @@ import pytest
 from command import ROOT, pave
 
 import pave as library
+from pave.data import split_indices
 from pave.files import verify_manifest
 
 RUN, USAGE, INPUT, DEVICE = 1, 2, 3, 4
 TINY = ("--size", "8x8", "--spp", "1", "--max-depth", "3")
 RENDER = ("-o", "x.exr", *TINY)
-DATASET = ("--views", "6", *TINY, "--frames-per-shard", "2")
+DATASET = (
+    "--views",
+    "6",
+    "--size",
+    "12x12",
+    "--spp",
+    "1",
+    "--max-depth",
+    "3",
+    "--frames-per-shard",
+    "2",
+)
 
 SCENE = """<scene version="3.0.0">
   <sensor type="perspective">
@@ -89,9 +101,11 @@ def test_no_opencl_platform(place):
     check_nothing(outcome, DEVICE, place, {}, "pocl-opencl-icd")
 
 
-def test_unknown_device(place):
-    outcome = pave("render", "cornell", *RENDER, "--device", "abacus")
+@pytest.mark.parametrize("command", [("render", "cornell", *RENDER), ("demo", "out", "--quick")])
+def test_unknown_device(place, command):
+    outcome = pave(*command, "--device", "abacus")
     check_nothing(outcome, DEVICE, place, {}, "abacus")
+    assert list(place.iterdir()) == []
 
 
 def test_doctor_without_platform():
@@ -100,6 +114,14 @@ def test_doctor_without_platform():
     broken = [record for record in outcome.records if not record["ok"]]
     assert broken
     assert "pocl-opencl-icd" in broken[0]["fix"]
+
+
+def test_doctor_offers_no_package_for_a_device_that_there_is_not():
+    outcome = pave("doctor", "--json", "--device", "abacus")
+    assert outcome.code == DEVICE
+    (broken,) = (record for record in outcome.records if not record["ok"])
+    assert "abacus" in broken["detail"]
+    assert not broken["fix"]
 
 
 # Options --------------------------------------------------------------------------------------------------------------
@@ -135,6 +157,8 @@ def test_doctor_without_platform():
         (("dataset", "cornell", "bp:x.bp", *DATASET, "--channels", "smell"), "smell"),
         (("info", "nowhere"), "nowhere"),
         (("demo", "--quick", "--full"), "--quick"),
+        (("demo", "out", "--quick", "--seed", "-1"), "seed -1"),
+        (("demo", "out", "--quick", "--seed", str(2**64)), "seed"),
     ],
 )
 def test_usage(place, arguments, part):
@@ -273,6 +297,8 @@ def test_damaged_data_set(data, tmp_path, uri, damage):
 def test_damaged_data_set_by_command(data, place, name):
     shutil.copytree(data / name, place / name)
     path = max(stored_files(place / name), key=lambda path: path.stat().st_size)
+    if name == "good.exr":  # a frame that training reads
+        path = place / name / f"frame-{split_indices(6)[0][0]:08d}.exr"
     flip(path, path.stat().st_size // 2)
     uri = f"{name[5:]}:{name}"
     before = files(place)
@@ -316,6 +342,47 @@ def test_wrong_channel_for_training(data, place):
         "train", f"bp:{data / 'good.bp'}", "-o", "run", "--epochs", "1", "--inputs", "smell"
     )
     check(outcome, USAGE, "smell")
+
+
+def test_usage_of_train(data, place):
+    outcome = pave("train", f"bp:{data / 'good.bp'}", "-o", "run", "--best", "beauty")
+    check_nothing(outcome, USAGE, place, {}, "beauty", "psnr, ssim, l1")
+    assert list(place.iterdir()) == []
+
+
+def test_training_into_a_folder_of_something_else(data, place):
+    (place / "letters").mkdir()
+    (place / "letters" / "a.txt").write_text("dear")
+    outcome = pave("train", f"bp:{data / 'good.bp'}", "-o", "letters")
+    check_nothing(outcome, USAGE, place, files(place), "letters")
+
+
+@pytest.mark.parametrize("text", ["{", "", "[]", "{}", "\x00"])
+def test_damaged_demo_folder(place, text):
+    (place / "out").mkdir()
+    (place / "out" / "demo.json").write_text(text)
+    check_nothing(pave("demo", "out", "--quick"), INPUT, place, files(place), "demo.json")
+
+
+def test_evaluation_on_a_set_of_another_size(data, place):
+    uri = f"bp:{data / 'good.bp'}"
+    trained = pave("train", uri, "-o", "run", "--epochs", "1", "--filters", "4")
+    assert trained.code == 0, trained.err
+    size = ("--size", "12x12", "--spp", "1", "--max-depth", "3")
+    assert pave("dataset", "cornell", "bp:more.bp", "--views", "10", *size).code == 0
+    outcome = pave("evaluate", "run", "bp:more.bp")
+    check_nothing(outcome, USAGE, place, files(place), "training images", "--novel bp:more.bp")
+    outcome = pave("evaluate", "run", uri, "--novel", "bp:more.bp", "--json")
+    assert outcome.code == 0, outcome.err
+    counts = [record["images"] for record in outcome.records if record.get("stage") == "evaluate"]
+    assert counts == list(range(1, 4 + 6 + 10 + 1))  # the ambient fit, every split, the other set
+    assert outcome.records[-1]["splits"]["novel"]["images"] == 10
+
+
+def test_images_too_small_for_training(place):
+    small = ("--size", "10x12", "--spp", "1", "--max-depth", "3")
+    assert pave("dataset", "cornell", "bp:small.bp", "--views", "6", *small).code == 0
+    check(pave("train", "bp:small.bp", "-o", "run"), USAGE, "10x12 pixels are too small")
 
 
 # Weights --------------------------------------------------------------------------------------------------------------
@@ -376,6 +443,22 @@ def test_no_weights(place):
     (place / "run").mkdir()
     outcome = pave("infer", "run", "cornell", "-o", "x.exr", "--size", "16x16", "--spp", "1")
     check_nothing(outcome, INPUT, place, {}, "run")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "part"),
+    [
+        (("--size", "0x8"), "0x8"),
+        (("--size", "8x0"), "8x0"),
+        (("--size", "16x16", "--spp", "0"), "spp 0"),
+        (("--size", "16x16", "--seed", "-1"), "seed -1"),
+        (("--size", "10x16", "--compare"), "10x16 pixels are too small"),
+    ],
+)
+def test_usage_of_infer(place, arguments, part):
+    tiny_run(place)
+    outcome = pave("infer", "run", "cornell", "-o", "x.exr", *arguments)
+    check_nothing(outcome, USAGE, place, files(place), part)
 
 
 # Places to write ------------------------------------------------------------------------------------------------------

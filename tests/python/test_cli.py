@@ -4,6 +4,7 @@ SPDX-License-Identifier: BSD-3-Clause
 """
 
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -37,6 +38,43 @@ def test_help_of_everything():
         one = pave(command, "-h")
         assert one.code == 0, command
         assert "--json" in one.out, command
+
+
+def test_help_of_train_states_the_defaults_of_the_library():
+    from pave.options import TrainOptions
+
+    text = " ".join(pave("train", "-h", COLUMNS="200").out.split())
+    for option, name in (
+        ("--epochs", "epochs"), ("--batch", "batch"), ("--lr", "lr"), ("--beta1", "beta1"),
+        ("--beta2", "beta2"), ("--l1-weight", "l1_weight"), ("--gan-mode", "gan_mode"),
+        ("--adversarial-weight", "adversarial_weight"), ("--filters", "filters"),
+        ("--unet-depth", "unet_depth"), ("--norm", "norm"), ("--head", "head"), ("--best", "best"),
+        ("--repeat-depth", "repeat_depth"), ("--threads", "threads"), ("--torch-device", "device"),
+        ("--checkpoint-seconds", "checkpoint_seconds"), ("--seed", "seed"),
+    ):  # fmt: skip
+        shown = re.search(rf" {option} .*?\[default: (.*?)\]", text)
+        assert shown, option
+        assert shown.group(1) == str(getattr(TrainOptions, name)), option
+    assert ",".join(TrainOptions.inputs) in text
+    assert "--minutes" in text
+    assert "--mirror" in text
+
+
+def test_train_options_reach_the_run(place):
+    small = ("--size", "12x12", "--spp", "1", "--max-depth", "3", "--views", "6")
+    assert pave("dataset", "cornell", "bp:d.bp", *small).code == 0
+    given = {
+        "best": "l1", "repeat_depth": 3, "minutes": 0.01, "adversarial_weight": 0.5,
+        "checkpoint_seconds": 5.0, "threads": 1, "mirror": True, "filters": 4, "unet_depth": 3,
+    }  # fmt: skip
+    words = []
+    for name, value in given.items():
+        words += [f"--{name.replace('_', '-')}", *([] if value is True else [value])]
+    done = pave("train", "bp:d.bp", "-o", "run", *words, "--json")
+    assert done.code == 0, done.err
+    config = json.loads((place / "run" / "config.json").read_text())
+    assert {name: config["options"][name] for name in given} == given
+    assert config["schema"]["inputs"][-1]["repeat"] == 3
 
 
 def test_no_command_is_a_usage_error():
@@ -221,6 +259,38 @@ def test_interrupted_data_set_ends_soon_and_can_go_on(place, number):
     again = pave(*words[:-1], "--resume", "--views", str(len(source) + 2), "--json")
     assert again.code == 0, again.err
     assert again.records[-1]["acknowledged"] == len(source) + 2
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupted_training_ends_soon_and_goes_on_from_that_step(place, number):
+    from pave.checkpoint import list_checkpoints
+    from pave.options import TrainOptions
+    from pave.train import train
+
+    small = ("--size", "12x12", "--spp", "1", "--max-depth", "3", "--views", "10")
+    assert pave("dataset", "cornell", "bp:d.bp", *small).code == 0
+    process = start(
+        "train", "bp:d.bp", "-o", "run", "--epochs", "100000", "--filters", "4", "--json",
+    )  # fmt: skip
+    step = 0
+    while step < 20:  # past the first epoch, which has three steps
+        step = json.loads(process.stdout.readline())["step"]
+    begin = time.monotonic()
+    process.send_signal(number)
+    out, err = process.communicate(timeout=60)
+    assert time.monotonic() - begin < 5.0
+    assert process.returncode == 1, err
+    errors = [line for line in err.splitlines() if line.startswith("pave: error: ")]
+    assert errors == err.splitlines()[-1:], err
+    assert "Traceback" not in err
+    step = max([step, *(json.loads(line)["step"] for line in out.splitlines())])
+    saved = int(list_checkpoints(Path("run"))[-1].stem.rpartition("-")[2])
+    assert saved >= step
+    assert f"after step {saved};" in errors[0]
+    assert pave("info", "run").code == 0  # the best weights so far are there and whole
+    options = TrainOptions.from_json({"epochs": 100000, "filters": 4})
+    again = train("bp:d.bp", "run", options, on_progress=lambda _: False, figures=False)
+    assert again.resumed_from == saved
 
 
 def test_interrupted_render_leaves_nothing(place):

@@ -14,6 +14,7 @@ from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 from training_data import make_sample, make_samples
 
 from pave import metrics
+from pave.errors import UsageError
 
 
 def images(seed: int, height: int = 37, width: int = 52) -> tuple[torch.Tensor, torch.Tensor]:
@@ -75,7 +76,7 @@ def test_batches_are_single_images() -> None:
 
 
 def test_ssim_refuses_images_without_a_whole_window() -> None:
-    with pytest.raises(ValueError, match="larger than 10"):
+    with pytest.raises(UsageError, match="64x10 pixels are too small"):
         metrics.ssim(torch.zeros(3, 10, 64), torch.zeros(3, 10, 64))
 
 

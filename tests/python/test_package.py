@@ -9,6 +9,7 @@ import importlib
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -123,3 +124,23 @@ def test_libraries_are_found():
     lines = [line for line in found.stdout.splitlines() if re.search("pave|adios2_c", line)]
     assert len(lines) >= 2, found.stdout
     assert not [line for line in lines if "not found" in line], lines
+
+
+def test_a_missing_compiled_module_is_one_line(tmp_path: Path) -> None:
+    shutil.copytree(
+        PACKAGE, tmp_path / "pave", ignore=shutil.ignore_patterns("*.so", "__pycache__")
+    )
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    for words in (("-m", "pave", "doctor"), ("-m", "pave.report", "--check", "x.html")):
+        result = subprocess.run(
+            [sys.executable, *words], env=environment, capture_output=True, text=True, timeout=120
+        )
+        assert result.returncode == 1
+        assert result.stderr.count("\n") == 1, result.stderr
+        assert result.stderr.startswith("pave: error: PAVE's compiled module cannot be loaded")
+        assert "run ./pave" in result.stderr
+    code = "import pave"
+    result = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=120
+    )
+    assert result.stderr.splitlines()[-1].startswith("ImportError: PAVE's compiled module")

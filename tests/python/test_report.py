@@ -16,14 +16,15 @@ from pathlib import Path
 
 import pytest
 import torch
-from training_data import make_samples, one_thread  # noqa: F401
+from training_data import make_sample, make_samples, one_thread  # noqa: F401
 
-from pave import charts, metrics, plots
+from pave import charts, metrics, plots, report
 from pave.errors import InputError, UsageError
 from pave.evaluate import NOVEL, Evaluation, evaluate
 from pave.export import load_generator
 from pave.options import TrainOptions
 from pave.report import MAX_BYTES, check_report, main, write_report
+from pave.run_log import read_history
 from pave.train import train
 
 SIZE = 32
@@ -103,6 +104,47 @@ def test_evaluation_without_what_it_needs(run: Path) -> None:
         evaluate(run, {"train": SPLITS["train"], "test": bare}, write=False)
 
 
+def test_evaluation_without_baselines(run: Path, tmp_path: Path) -> None:
+    """A network of other inputs, on frames without what a baseline is made from: its own scores alone."""
+    bare = {
+        name: [{k: s[k] for k in ("color", "position", "normal")} for s in samples]
+        for name, samples in SPLITS.items()
+    }
+    options = TrainOptions.from_json(
+        {"inputs": ["position", "normal"], "head": "sigmoid", "filters": 4, "unet_depth": 3}
+        | {"d_filters": 4, "d_layers": 2, "epochs": 1, "threads": 1}
+    )
+    train((bare["train"], bare["validation"]), tmp_path, options, figures=False)
+    result = evaluate(tmp_path, bare)
+    test = result.splits["test"]
+    assert list(test.means) == ["generated"]
+    assert (test.gain, test.baseline_psnr, result.ambient) == (None, None, None)
+    record = json.loads((tmp_path / "evaluation.json").read_text())
+    assert "ambient" not in record
+    assert set(record["splits"]["test"]) == {"images", "generated"}
+    assert "ambient" not in (tmp_path / "evaluation.csv").read_text()
+    page = write_report(tmp_path / "report.html", tmp_path, {"test": bare["test"]}, result)
+    assert "over the better baseline</span>" not in page.read_text()
+    # Direct light without albedo is a baseline of its own, and not every split has to have it.
+    with_direct = {**SPLITS, "train": bare["train"]}
+    result = evaluate(tmp_path, with_direct, write=False)
+    assert list(result.splits["test"].means) == ["generated", "direct"]
+    assert result.splits["train"].gain is None
+
+
+def test_evaluation_tells_its_progress(run: Path) -> None:
+    told: list[tuple[int, int]] = []
+    evaluate(run, SPLITS, write=False, on_progress=lambda *record: told.append(record))
+    total = sum(map(len, SPLITS.values())) + len(SPLITS["train"])  # once more for the ambient
+    assert told == [(done, total) for done in range(1, total + 1)]
+
+
+def test_evaluation_of_images_too_small_to_be_compared(run: Path) -> None:
+    small = [make_sample(index, 16, 10) for index in range(2)]
+    with pytest.raises(UsageError, match="16x10 pixels are too small"):
+        evaluate(run, {"train": SPLITS["train"], NOVEL: small}, write=False)
+
+
 class Page(html.parser.HTMLParser):
     """Text and tags of a page; complains about tags that are not closed in order."""
 
@@ -166,6 +208,27 @@ def test_report_has_everything(page: str, evaluation: Evaluation) -> None:
     assert "camera.fov" in words
     assert evaluation.weights_version in words
     assert page.count('<svg class="chart"') == 4
+
+
+def test_report_shows_the_verdict_on_the_weights_that_it_shows(
+    run: Path, evaluation: Evaluation, page: str
+) -> None:
+    best = load_generator(run).training["best"]
+    verdict = f"<b>{best['val_d_real']:.2f} / {best['val_d_fake']:.2f}</b>"
+    assert verdict in page
+    history = [{**row, "val_d_real": 0.123, "val_d_fake": 0.321} for row in read_history(run)]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(report, "read_history", lambda _: history)
+        told: list[tuple[int, int]] = []
+        path = write_report(
+            run / "other.html",
+            run,
+            {"test": SPLITS["test"]},
+            evaluation,
+            on_progress=lambda *record: told.append(record),
+        )
+    assert verdict in path.read_text()
+    assert told == [(1, 3), (2, 3), (3, 3)]
 
 
 def test_report_images_are_whole_and_right(page: str, run: Path) -> None:

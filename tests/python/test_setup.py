@@ -7,7 +7,9 @@ The stand-ins write their command lines into calls.txt. The real set-up is what 
 
 import os
 import shutil
+import signal
 import subprocess
+import sys
 import time
 
 import pytest
@@ -38,8 +40,8 @@ TOOLS = {
 class Tree:
     """A clone of the parts that ./pave looks at, with stand-ins for its tools."""
 
-    def __init__(self, folder):
-        self.root = folder / "clone"
+    def __init__(self, folder, name="clone"):
+        self.root = folder / name
         self.root.mkdir()
         for name in COPIED:
             shutil.copy2(ROOT / name, self.root / name)
@@ -109,7 +111,7 @@ def ready(tree):
 def test_first_call_sets_up_in_order_and_runs_the_command(tree):
     code, out, err = tree.run("devices", "--json")
     assert code == 0, err
-    assert out == "ran: -m pave devices --json\n"
+    assert out == "ran: -I -m pave devices --json\n"
     assert "        cmake g++" in [line.rstrip() for line in err]
     assert err[0] == "pave: Debian packages to install, with what they depend on:"
     calls = tree.calls()
@@ -124,11 +126,65 @@ def test_first_call_sets_up_in_order_and_runs_the_command(tree):
     assert (tree.root / "site-packages" / "pave.pth").read_text() == f"{tree.root}/python\n"
 
 
+def test_a_folder_with_spaces_in_its_name(tmp_path):
+    tree = Tree(tmp_path, "a clone  of mine")
+    code, out, err = tree.run("devices")
+    assert code == 0, err
+    assert out == "ran: -I -m pave devices\n"
+    calls = tree.calls()
+    assert calls[4].endswith("install -r ./requirements.lock")
+    assert calls[5].startswith("cmake -S . -B ./build -G Ninja")
+    assert tree.run("devices") == (0, out, [])
+    assert tree.calls() == []
+    code, out, err = tree.run("test", "--fast")
+    assert code == 0, err
+    assert out == f"ran: {tree.root}/tests/run.py --fast\n"
+    assert tree.calls()[1].endswith("install -r ./requirements.lock -r ./requirements-test.lock")
+
+
+def test_python_files_of_the_current_folder_are_not_imported(ready):
+    """The command's Python is started in isolated mode, whatever lies where the user is."""
+    real = ready.root / ".venv" / "bin" / "python"
+    real.write_text(f'#!/bin/bash\nexec {sys.executable} "$@"\n')
+    (ready.root / "typer.py").write_text("raise SystemExit('typer.py of the current folder')\n")
+    (ready.root / "pave.py").write_text("raise SystemExit('pave.py of the current folder')\n")
+    _, _, err = ready.run("devices")
+    assert not [line for line in err if "current folder" in line], err
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("waiting", [False, True])
+def test_interrupted_set_up_ends_with_one_line_and_goes_on(tree, number, waiting):
+    first = tree.start("devices", BUILD_TAKES="5")
+    wait_for(lambda: tree.calls_file.exists() and "ninja" in tree.calls_file.read_text())
+    process = tree.start("devices") if waiting else first
+    if waiting:
+        process.stderr.readline()  # that it waits for the other
+    begin = time.monotonic()
+    process.send_signal(number)
+    out, err = process.communicate(timeout=60)
+    assert time.monotonic() - begin < 4.0
+    assert (process.returncode, out) == (1, ""), err
+    assert err.splitlines()[-1].startswith("pave: error: interrupted"), err
+    assert err.count("pave: error: ") == 1
+    first.communicate(timeout=60)
+    code, out, err = tree.run("devices")
+    assert code == 0, err
+    assert out == "ran: -I -m pave devices\n"
+
+
+def wait_for(condition, limit_s=30):
+    end = time.monotonic() + limit_s
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
 def test_second_call_runs_nothing_and_is_quick(ready):
     begin = time.monotonic()
     code, out, err = ready.run("devices")
     seconds = time.monotonic() - begin
-    assert (code, out, err) == (0, "ran: -m pave devices\n", [])
+    assert (code, out, err) == (0, "ran: -I -m pave devices\n", [])
     assert ready.calls() == []
     assert seconds < 2.0  # 0.07 s on an idle machine
 
@@ -181,7 +237,7 @@ def test_two_at_once_set_up_once(tree):
     for process in both:
         out, err = process.communicate(timeout=60)
         assert process.returncode == 0, err
-        assert out == "ran: -m pave devices\n"
+        assert out == "ran: -I -m pave devices\n"
     calls = tree.calls()
     assert len([call for call in calls if call.startswith("ninja")]) == 1
     assert len([call for call in calls if " venv " in call]) == 1
@@ -199,7 +255,7 @@ def failing(tree, *parts, **changes):
         assert part in errors[0], errors[0]
     code, out, err = tree.run("devices")
     assert code == 0, err
-    assert out == "ran: -m pave devices\n"
+    assert out == "ran: -I -m pave devices\n"
 
 
 def test_no_network(tree):

@@ -16,9 +16,10 @@ from pathlib import Path
 
 import pytest
 import torch
-from training_data import make_samples, one_thread  # noqa: F401
+from training_data import make_sample, make_samples, one_thread  # noqa: F401
 
-from pave import checkpoint
+from pave import checkpoint, training_loop
+from pave.dataset import RenderSettings, render_dataset
 from pave.errors import InputError, RunError, UsageError
 from pave.export import load_generator
 from pave.options import TrainOptions
@@ -109,6 +110,41 @@ def test_validation_is_what_the_exported_generator_scores(tmp_path: Path) -> Non
     assert sum(scores) / len(scores) == pytest.approx(result.best["val_psnr"], abs=1e-3)
     scores = [float(metrics.ssim(loaded.draw(s), s["color"])) for s in validation]
     assert sum(scores) / len(scores) == pytest.approx(result.best["val_ssim"], abs=1e-4)
+
+
+@pytest.mark.parametrize(("width", "height"), [(17, 13), (16, 11), (11, 40)])
+def test_sizes_that_are_no_multiple_of_the_network(tmp_path: Path, width: int, height: int) -> None:
+    """They train, and what was validated is what the exported generator draws of the whole image."""
+    from pave import metrics
+
+    data = [
+        [make_sample(first + index, width, height) for index in range(count)]
+        for first, count in ((0, 4), (100, 2))
+    ]
+    options = TrainOptions.from_json({**TINY, "mirror": True, "epochs": 2})
+    result = train((data[0], data[1]), tmp_path, options, figures=False)
+    config = json.loads((tmp_path / "config.json").read_text())
+    assert config["size"] == [width, height]
+    loaded = load_generator(tmp_path)
+    for name, function in (("val_psnr", metrics.psnr), ("val_ssim", metrics.ssim)):
+        scores = [float(function(loaded.draw(s), s["color"])) for s in data[1]]
+        assert sum(scores) / len(scores) == pytest.approx(result.best[name], abs=1e-3)
+
+
+@pytest.mark.parametrize(("width", "height"), [(10, 64), (64, 10), (1, 1)])
+def test_images_too_small_to_be_compared(tmp_path: Path, width: int, height: int) -> None:
+    data = [make_sample(index, width, height) for index in range(2)]
+    with pytest.raises(UsageError, match=f"{width}x{height} pixels are too small"):
+        train((data, data), tmp_path / "run", TrainOptions.from_json(TINY), figures=False)
+    assert not (tmp_path / "run").exists() or not any((tmp_path / "run").iterdir())
+
+
+def test_discriminator_deeper_than_the_images(tmp_path: Path) -> None:
+    data = [make_sample(index, 12) for index in range(2)]
+    with pytest.raises(UsageError, match="4 is the most"):
+        train((data, data), tmp_path, TrainOptions.from_json({**TINY, "d_layers": 5}))
+    options = TrainOptions.from_json({**TINY, "d_layers": 4, "d_norm": "none", "epochs": 1})
+    assert train((data, data), tmp_path, options, figures=False).finished
 
 
 def test_same_seed_same_weights_and_another_seed_others(tmp_path: Path) -> None:
@@ -294,6 +330,210 @@ def test_minutes_choose_epochs_once(tmp_path: Path) -> None:
     assert again.epochs >= result.epochs
 
 
+class Clock:
+    """Stands in for the module `time` of the loop: a step takes as long as the test says, nothing else any time."""
+
+    def __init__(self) -> None:
+        self.now = 1000.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+
+def test_minutes_that_are_up_end_the_run_for_good(tmp_path: Path) -> None:
+    """Steps ten times slower than the trial said: the run ends in time, and a second call trains nothing more."""
+    clock, real_step = Clock(), Trainer.step
+
+    def step(self: Trainer, *batch: torch.Tensor) -> dict[str, torch.Tensor]:
+        clock.now += 0.1 if self.steps == 1 else 1.0  # the trial's trainer is made for one step
+        return real_step(self, *batch)
+
+    minutes, epoch_seconds = 0.2, 4
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(training_loop, "time", clock)
+        patch.setattr(Trainer, "step", step)
+        first = run(tmp_path, minutes=minutes)
+        before = weights_sha256(tmp_path)
+        config = json.loads((tmp_path / "config.json").read_text())
+        again = run(tmp_path, minutes=minutes)
+    # As many whole epochs as fit.
+    assert first.epochs == int(60 * minutes * training_loop.HARD_LIMIT / epoch_seconds) == 3
+    assert config["epochs"] == 3
+    assert first.finished
+    assert "minutes were up after 3 of the" in first.remarks[0]
+    assert again.finished
+    assert (again.steps, again.resumed_from, again.remarks) == (12, 12, [])
+    assert weights_sha256(tmp_path) == before
+    assert json.loads((tmp_path / "config.json").read_text()) == config
+
+
+def test_minutes_leave_a_busy_machine_its_schedule(tmp_path: Path) -> None:
+    """A fifth slower than the trial said is still within the hard limit: every planned epoch is trained."""
+    clock, real_step = Clock(), Trainer.step
+
+    def step(self: Trainer, *batch: torch.Tensor) -> dict[str, torch.Tensor]:
+        clock.now += 0.1 if self.steps == 1 else 0.12
+        return real_step(self, *batch)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(training_loop, "time", clock)
+        patch.setattr(Trainer, "step", step)
+        result = run(tmp_path, minutes=0.1)
+    assert result.remarks == []
+    assert result.steps == 4 * json.loads((tmp_path / "config.json").read_text())["epochs"]
+    assert result.history[-1]["lr"] < 0.05 * TrainOptions.lr
+
+
+@pytest.mark.parametrize("stop_at", [2, 4, 5, 8])
+def test_stop_in_a_step_or_in_validation_is_unbroken(tmp_path: Path, stop_at: int) -> None:
+    """The first signal ends the step at hand, or the validation that follows it, and what resumes is the same run."""
+    whole = run(tmp_path / "whole")
+    real_step = Trainer.step
+
+    def step(self: Trainer, *batch: torch.Tensor) -> dict[str, torch.Tensor]:
+        losses = real_step(self, *batch)
+        if self.step_index == stop_at:
+            signal.raise_signal(signal.SIGTERM if stop_at % 2 else signal.SIGINT)
+        return losses
+
+    folder = tmp_path / "stopped"
+    options = TrainOptions.from_json(TINY)
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Trainer, "step", step)
+        try:
+            if stop_at <= 4:
+                with pytest.raises(RunError, match="before the first epoch's end"):
+                    train(splits(), folder, options, figures=False, catch_signals=True)
+                assert not (folder / "generator.json").exists()
+            else:
+                stopped = train(splits(), folder, options, figures=False, catch_signals=True)
+                assert (stopped.finished, stopped.steps) == (False, stop_at)
+                assert load_generator(folder).weights_version == stopped.weights_version
+            for number in before:
+                assert signal.getsignal(number) == signal.SIG_DFL, "a second one ends at once"
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+    assert checkpoint.list_checkpoints(folder)[-1].name == f"step-{stop_at:010d}.ckpt"
+    resumed = run(folder)
+    assert (resumed.resumed_from, resumed.steps) == (stop_at, whole.steps)
+    assert weights_sha256(folder) == weights_sha256(tmp_path / "whole")
+    for ours, theirs in zip(resumed.history, whole.history, strict=True):
+        assert {**ours, "seconds": 0} == {**theirs, "seconds": 0}
+
+
+def test_a_signal_too_late_to_stop_the_run_still_ends_the_command(tmp_path: Path) -> None:
+    """While the last checkpoint is saved: the run is whole, but what would come after it is not begun."""
+    from pave.console import Console
+    from pave.training_session import run_training
+
+    real = training_loop.save_checkpoint
+
+    def save(folder: Path, state: dict, step: int) -> Path:
+        if step == 12:
+            signal.raise_signal(signal.SIGINT)
+        return real(folder, state, step)
+
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(training_loop, "save_checkpoint", save)
+        patch.setattr("pave.train.load_splits", lambda *_: (splits()[0], [], splits()[1]))
+        try:
+            with pytest.raises(RunError, match="interrupted after step 12"):
+                run_training(Console(json_lines=True), "bp:made-up", tmp_path, dict(TINY))
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+    again = run(tmp_path)
+    assert (again.resumed_from, again.finished) == (12, True)
+
+
+def test_signals_are_what_they_were_after_a_run(tmp_path: Path) -> None:
+    before = signal.getsignal(signal.SIGINT)
+    train(splits(), tmp_path, TrainOptions.from_json(TINY), figures=False, catch_signals=True)
+    assert signal.getsignal(signal.SIGINT) == before
+
+
+@pytest.mark.parametrize("best", ["psnr", "ssim", "l1"])
+def test_best_epoch_is_the_best_by_the_metric_chosen(tmp_path: Path, best: str) -> None:
+    """Each metric has its best in another epoch; what is exported are that epoch's weights."""
+    scores = {
+        "val_psnr": [20.0, 30.0, 25.0, 24.0],
+        "val_ssim": [0.5, 0.6, 0.9, 0.7],
+        "val_l1": [0.2, 0.1, 0.3, 0.05],
+    }
+    chosen = {"psnr": 2, "ssim": 3, "l1": 4}[best]
+    averages: list[dict[str, torch.Tensor]] = []
+
+    def validate(self: training_loop.TrainingRun) -> dict[str, float]:
+        weights = self.trainer.average.network.state_dict()
+        averages.append({name: tensor.clone() for name, tensor in weights.items()})
+        return {name: values[self.epoch] for name, values in scores.items()}
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(training_loop.TrainingRun, "_validate", validate)
+        result = run(tmp_path, epochs=4, best=best)
+    assert result.best["epoch"] == chosen
+    exported = load_generator(tmp_path).weights
+    for name, tensor in averages[chosen - 1].items():
+        if name in exported:
+            assert torch.equal(exported[name], tensor), name
+    other = averages[chosen % 4]
+    assert not all(torch.equal(exported[n], other[n]) for n in exported)
+
+
+def test_training_reads_no_test_image(tmp_path: Path) -> None:
+    """Of a data set by its URI only frames of the training and the validation split are ever opened."""
+    import pave
+    from pave.data import split_indices
+
+    views = 10
+    uri = f"bp:{tmp_path / 'd.bp'}"
+    scene = pave.load_scene("cornell")
+    render_dataset(
+        pave.Device(),
+        scene,
+        uri,
+        pave.hemisphere_views(scene, views, 0),
+        RenderSettings(12, 12, 1, 3),
+    )
+    asked: set[int] = set()
+    real = pave.Source.read
+
+    def read(self: pave.Source, position: int) -> pave.Frame:
+        asked.add(position)
+        return real(self, position)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pave.Source, "read", read)
+        options = TrainOptions.from_json({**TINY, "cache_bytes": 0})
+        train(uri, tmp_path / "run", options, figures=False)
+    training, test, validation = split_indices(views)
+    assert asked == {*training, *validation}
+    assert not asked & set(test)
+    assert len(test) == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("seed", -1),
+        ("seed", 2**64),
+        ("seed", 0.5),
+        ("repeat_depth", 4),
+        ("minutes", 0),
+        ("threads", -1),
+        ("checkpoint_seconds", -1),
+        ("adversarial_weight", -1),
+    ],
+)
+def test_options_are_bounded(name: str, value: float) -> None:
+    with pytest.raises(UsageError, match=name):
+        TrainOptions.from_json({name: value})
+    assert TrainOptions.from_json({"seed": 2**64 - 1}).seed == 2**64 - 1
+
+
 def test_order_depends_on_seed_and_epoch_alone() -> None:
     one = epoch_order(10, 4, seed=3, epoch=5)
     torch.rand(100)
@@ -317,6 +557,20 @@ def test_images_in_memory_or_read_on_the_way_are_the_same() -> None:
         assert torch.equal(a[0], b[0])
         assert torch.equal(a[1], b[1])
         assert a[0].is_contiguous(memory_format=torch.channels_last)
+
+
+def test_images_are_padded_as_the_generator_pads() -> None:
+    samples = [make_sample(index, 13, 9) for index in range(3)]
+    schema = fit_schema(samples, ["albedo", "direct"])
+    images = EncodedImages(samples, schema, 1 << 30, "training", 8)
+    assert (images.width, images.height) == (13, 9)
+    for planes in images.batch(torch.tensor([0, 2])):
+        assert planes.shape[-2:] == (16, 16)
+        assert torch.equal(planes[..., 9:, :], planes[..., 8:9, :].expand(-1, -1, 7, -1))
+        assert torch.equal(planes[..., 13:], planes[..., 12:13].expand(-1, -1, -1, 3))
+    assert images.cache is not None
+    per_image = 4 * (schema.in_planes + 3) * 16 * 16
+    assert EncodedImages(samples, schema, 3 * per_image - 1, "training", 8).cache is None
 
 
 def test_bad_images_are_named() -> None:
@@ -369,6 +623,32 @@ def test_folder_that_cannot_be_written(tmp_path: Path) -> None:
     blocked.write_text("not a folder")
     with pytest.raises(RunError, match="cannot be made"):
         run(blocked / "run")
+
+
+def test_folder_of_something_else_is_refused(tmp_path: Path) -> None:
+    for name, text in (("letter.txt", "dear"), ("config.json", '{"theme": "dark"}')):
+        folder = tmp_path / name.partition(".")[0]
+        folder.mkdir()
+        (folder / name).write_text(text)
+        with pytest.raises(UsageError, match="holds no training run"):
+            run(folder)
+        assert [path.name for path in folder.iterdir()] == [name]
+        assert (folder / name).read_text() == text
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    assert run(empty).finished
+
+
+def test_what_a_kill_left_half_written_is_removed(tmp_path: Path) -> None:
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    stale = [tmp_path / f".config.json.{gone.pid}.tmp"]
+    stale += [tmp_path / "checkpoints" / f".step-0000000004.ckpt.{gone.pid}.tmp"]
+    run(tmp_path)
+    for path in stale:
+        path.write_text("x")
+    run(tmp_path)
+    assert not any(path.exists() for path in stale)
 
 
 def test_cuda_is_refused_where_there_is_none(tmp_path: Path) -> None:
