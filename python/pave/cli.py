@@ -15,6 +15,7 @@ import typer
 
 from pave import errors
 from pave.console import Console
+from pave.inference import DRAWING_SPP
 from pave.options import TrainOptions as Defaults
 
 app = typer.Typer(
@@ -365,7 +366,7 @@ def infer(
     scene: Annotated[str, typer.Argument(help="Scene file or name.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="x.exr or x.png.")],
     size: Size = None,
-    spp: Annotated[int, typer.Option(help="Samples for the cheap buffers.")] = 32,
+    spp: Annotated[int, typer.Option(help="Samples of the cheap buffers.")] = DRAWING_SPP,
     seed: Seed = 0,
     device: DeviceSpec = "",
     compare: Annotated[

@@ -6,7 +6,6 @@ SPDX-License-Identifier: BSD-3-Clause
 from __future__ import annotations
 
 import json
-import statistics
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -17,9 +16,8 @@ from typing import TYPE_CHECKING, Any
 from pave.checks import UINT64_MAX, whole
 from pave.console import Console
 from pave.dataset import CHANNELS, RenderSettings, render_dataset
-from pave.errors import InputError, RunError, UsageError
+from pave.errors import InputError, UsageError
 from pave.files import make_folder, read_bytes, remove_stale, write_json
-from pave.inference import cheap_depth
 
 if TYPE_CHECKING:
     import pave
@@ -190,80 +188,14 @@ class _Demo:
         return {"train": train, "validation": validation, "test": test, "novel": novel}
 
     def draw(self, test: Dataset, on_view: Callable[[int, int], None]) -> dict[str, Any]:
-        """Draws views of the test split in the renderer and compares with torch and with path tracing.
-
-        Raises RunError if a cheap pass does not give the buffers that the network was trained on.
-        """
-        import numpy as np
-
+        """Draws views of the test split in the renderer; see DrawnViews.draw."""
         import pave
-        from pave.export import load_generator
-        from pave.image import write_png
-        from pave.metrics import psnr
-        from pave.transfer import to_display
+        from pave.drawing import DrawnViews
 
-        scene = pave.load_scene(SCENE)
-        renderer = pave.Renderer(self.device, scene)
-        generator = pave.Generator(self.device, self.run)
-        in_torch = load_generator(self.run)
-        size = self.setting.size
-        channels = [*generator.inputs, "drawn"]
-        stage = pave.Stage(self.device, "mem:", width=size, height=size, channels=channels, slots=1)
         figures = self.folder / "figures"
         figures.mkdir(exist_ok=True)
-        rows = []
-        count = min(DRAWN_VIEWS, len(test))
-        for index in range(count):
-            metadata, truth = test.metadata(index), test[index]
-            frame = stage.acquire()
-            begin = time.perf_counter()
-            renderer.render(
-                test.frame(index).view,
-                frame,
-                spp=self.setting.spp,
-                max_depth=cheap_depth(scene),
-                seed=self.seed,
-                frame_index=metadata["index"],
-            )
-            buffers = time.perf_counter()
-            generator.draw(frame)
-            done = time.perf_counter()
-            drawn = frame["drawn"].torch().clone()
-            for name in generator.inputs:
-                if not np.allclose(frame[name].numpy(), truth[name].numpy(), 1e-5, 1e-6):
-                    raise RunError(
-                        f"view {metadata['index']}: the cheap pass gives another '{name}' than the data set has: "
-                        "the network would draw from what it was not trained on; please report it"
-                    )
-            rows.append(
-                {
-                    "buffers_seconds": buffers - begin,
-                    "network_seconds": done - buffers,
-                    "path_traced_seconds": metadata["seconds_spent"],
-                    "torch_difference": float(
-                        (to_display(drawn) - to_display(in_torch.draw(truth))).abs().max()
-                    ),
-                    "psnr": float(psnr(drawn, truth["color"])),
-                }
-            )
-            write_png(drawn.numpy(), figures / f"view-{metadata['index']:04d}-drawn.png")
-            write_png(truth["color"].numpy(), figures / f"view-{metadata['index']:04d}-path.png")
-            del frame
-            on_view(index + 1, count)
-
-        def median(key: str) -> float:
-            # The first view pays for compiling kernels.
-            return statistics.median(row[key] for row in (rows[1:] or rows))
-
-        return {
-            "views": len(rows),
-            "same_buffers": True,  # else it was raised above
-            "torch_difference": max(row["torch_difference"] for row in rows),
-            "psnr": statistics.mean(row["psnr"] for row in rows),
-            "buffers_ms": 1e3 * median("buffers_seconds"),
-            "network_ms": 1e3 * median("network_seconds"),
-            "path_traced_ms": 1e3 * median("path_traced_seconds"),
-        }
+        views = DrawnViews(self.device, pave.load_scene(SCENE), self.run, test, figures)
+        return views.draw(DRAWN_VIEWS, on_view)
 
     def report(
         self,

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import pave
 
-CHEAP_DEPTH = (
-    2  # camera ray and one scattering event: all that `direct` and the geometry buffers need
-)
+# A camera ray and one scattering event: all that `direct` and the geometry buffers need.
+CHEAP_DEPTH = 2
+DRAWING_SPP = 32  # samples of the cheap buffers: more cost time that path tracing could use too
 SPECULAR_DEPTH = 8  # mirrors and glass are followed to the first other surface
 
 

@@ -81,6 +81,11 @@ def test_the_renderer_draws_what_torch_draws(demo):
     rmse = min(10 ** (-score / 20) for score in scores)
     slack = -20 * math.log10(1 - drawn["torch_difference"] / rmse)
     assert drawn["psnr"] == pytest.approx(sum(scores) / len(scores), abs=slack + 1e-4)
+    # From fewer samples it still draws more than the baselines show; the path traced image beside it is of equal time.
+    fast = drawn["fast"]
+    assert fast["psnr"] > outcome.records[-1]["baseline_psnr"]
+    assert fast["equal_time_path_traced"]["spp"] >= 1
+    assert math.isfinite(fast["equal_time_path_traced"]["psnr"])
 
 
 @pytest.mark.slow
