@@ -3,6 +3,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "pave/device.h"
 
+#include <nanobind/stl/pair.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/string_view.h>
 #include <nanobind/stl/vector.h>
@@ -69,6 +70,11 @@ void bind_device(nb::module_& module) {
             },
             nb::arg("context"), nb::arg("device"), nb::arg("queue"), Released())
         .def_static("kernel_hash", &Device::kernel_hash)
+        .def_static("kernel_cache",
+                    [] {
+                        const KernelCacheInfo info = Device::kernel_cache();
+                        return std::pair(info.folder, info.note);
+                    })
         .def_prop_ro("profile", &Device::profile, nb::rv_policy::copy)
         .def_prop_ro("slot_access", &slot_access_name, Released())
         .def_prop_ro("context_handle",

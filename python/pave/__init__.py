@@ -37,7 +37,7 @@ from pave.buffers import (
     count_copy,
     make_frame,
 )
-from pave.device import Device, DeviceProfile, devices, kernel_hash
+from pave.device import Device, DeviceProfile, devices, kernel_cache, kernel_hash
 from pave.errors import (
     ClError,
     DeviceError,
@@ -88,6 +88,7 @@ __all__ = [
     "devices",
     "hash_bytes",
     "hemisphere_views",
+    "kernel_cache",
     "kernel_hash",
     "load_scene",
     "look_at",

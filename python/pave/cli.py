@@ -74,8 +74,7 @@ def _load_scene(console: Console, name: str, defines: list[str] | None, ignore: 
     import pave
 
     scene = pave.load_scene(name, ignore_unsupported=ignore, defines=parse_defines(defines))
-    for warning in scene.warnings:
-        console.say(f"pave: warning: {warning}")
+    console.warn(scene.warnings)
     return scene
 
 
@@ -132,7 +131,7 @@ def render(
 ) -> None:
     """Render one view of a scene, all its buffers in one pass."""
     import pave
-    from pave.dataset import RenderSettings
+    from pave.dataset import RenderSettings, left_out
     from pave.image import check_output, write_image
 
     console = Console(json)
@@ -169,6 +168,7 @@ def render(
             progress=report,
         )
     write_image(frame, output, names)
+    console.warn(left_out(renderer))
     seconds = frame.metadata["seconds_spent"]
     paths = settings.width * settings.height * settings.spp
     console.result(
@@ -253,6 +253,7 @@ def dataset(
         finally:
             if recorder is not None:
                 recorder.write(str(trace))
+    console.warn(counts["warnings"])
     console.result({"uri": uri, **counts}, f"{uri}: {counts['acknowledged']} frames")
 
 

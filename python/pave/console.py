@@ -9,7 +9,7 @@ import json
 import math
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -52,6 +52,11 @@ class Console:
     def say(self, text: str) -> None:
         """A remark for people."""
         print(text, file=sys.stderr, flush=True)
+
+    def warn(self, remarks: Iterable[str]) -> None:
+        """A line each for people; what they are about goes on all the same."""
+        for remark in remarks:
+            self.say(f"pave: warning: {remark}")
 
     @contextmanager
     def progress(self, title: str, total: float, unit: str = "") -> Iterator[Progress]:

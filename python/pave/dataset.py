@@ -185,6 +185,16 @@ def _view_of(metadata: pave.Metadata) -> pave.View:
     return pave.View(matrix, metadata["fov_x_degrees"])
 
 
+def left_out(renderer: pave.Renderer) -> list[str]:
+    """What a renderer had to leave out so far, a line each; empty if nothing."""
+    lines = []
+    if renderer.dropped_triangles:
+        lines.append(f"triangles without area, left out: {renderer.dropped_triangles}")
+    if renderer.dropped_samples:
+        lines.append(f"samples that were not finite, counted as black: {renderer.dropped_samples}")
+    return lines
+
+
 def render_dataset(
     device: pave.Device,
     scene: pave.Scene,
@@ -199,7 +209,7 @@ def render_dataset(
     trace: pave.Trace | None = None,
     on_frame: Callable[[int, pave.Stage], None] | None = None,
 ) -> dict[str, Any]:
-    """One call from scene to data set. Returns counts: frames, resumed_from, acknowledged.
+    """One call from scene to data set. Returns counts (frames, resumed_from, acknowledged) and `warnings`.
 
     With `resume` an unfinished data set is gone on with and a finished one of as many frames is left as it is. If
     anything is raised, frames acknowledged until then stay readable and the data set stays open for `resume`.
@@ -213,7 +223,7 @@ def render_dataset(
             raise UsageError(
                 f"{uri} is finished with {there} frames, not the {len(views)} asked for"
             )
-        return {"frames": there, "resumed_from": there, "acknowledged": there}
+        return {"frames": there, "resumed_from": there, "acknowledged": there, "warnings": []}
     renderer = pave.Renderer(device, scene)
     with pave.Stage(
         device,
@@ -231,4 +241,9 @@ def render_dataset(
         if first > len(views):
             raise UsageError(f"{uri} has {first} frames, more than the {len(views)} asked for")
         render_views(renderer, stage, views, settings, on_frame=on_frame, trace=trace)
-    return {"frames": len(views), "resumed_from": first, "acknowledged": stage.acknowledged}
+    return {
+        "frames": len(views),
+        "resumed_from": first,
+        "acknowledged": stage.acknowledged,
+        "warnings": left_out(renderer),
+    }

@@ -204,7 +204,7 @@ class _Demo:
         drawn: dict[str, Any],
         on_picture: Callable[[int, int], None],
     ) -> Path:
-        from pave.report import write_report
+        from pave.report import write_overview, write_report
 
         provenance = {
             "demo": asdict(self.setting),
@@ -216,10 +216,12 @@ class _Demo:
                 **splits["novel"].metadata(0),
             },
         }
+        shown = {"test": splits["test"], "novel": splits["novel"]}
+        write_overview(self.folder / "figures" / "overview.png", self.run, shown, scores)
         return write_report(
             self.folder / "report.html",
             self.run,
-            {"test": splits["test"], "novel": splits["novel"]},
+            shown,
             scores,
             stages=self.seconds,
             provenance=provenance,

@@ -151,6 +151,11 @@ def raw_device_or_host(device: Device | None) -> _pave.Device | None:
     return None if device is None else raw_device(device)
 
 
+def kernel_cache() -> tuple[str, str]:
+    """(folder, note): where compiled kernels are kept, or "" and why nothing is kept (docs/kernel-cache.md)."""
+    return _pave.Device.kernel_cache()
+
+
 def kernel_hash() -> str:
     """XXH3-128 hex of all kernel sources that PAVE was built with."""
     return _pave.Device.kernel_hash()

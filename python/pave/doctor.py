@@ -67,6 +67,9 @@ def run_checks(spec: str = "") -> list[dict[str, Any]]:
                     f"{profile.compute_units} units, {profile.lane_width} lanes",
                 }
             )
+        folder, note = pave.kernel_cache()
+        kept = folder or f"none, kernels compile at every start: {note}"
+        records.append({"check": "kernel cache", "ok": True, "detail": kept})
         records.append(_render_probe(spec))
     except errors.Error as error:
         records.append({"check": "opencl", "ok": False, "detail": str(error), "fix": fix})

@@ -72,6 +72,24 @@ def loss_figure(history: Sequence[Row]) -> Figure:
     return figure
 
 
+def overview_figure(rows: Sequence[tuple[str, Sequence[tuple[str, np.ndarray]]]]) -> Figure:
+    """One row of pictures a view: (name of the view, [(caption, (H, W, 3) bytes), ..])."""
+    columns = max(len(pictures) for _, pictures in rows)
+    height, width = rows[0][1][0][1].shape[:2]
+    figure = _figure(2.0 * columns, (2.0 * height / width + 0.32) * len(rows))
+    for axes_row, (name, pictures) in zip(
+        figure.subplots(len(rows), columns, squeeze=False), rows, strict=True
+    ):
+        for axes, (caption, pixels) in zip(axes_row, pictures, strict=True):
+            axes.imshow(pixels, interpolation="bilinear")
+            axes.set_title(caption, fontsize=9)
+            axes.set_xticks([])
+            axes.set_yticks([])
+            axes.spines[:].set_visible(False)
+        axes_row[0].set_ylabel(name, fontsize=9)
+    return figure
+
+
 def to_png(figure: Figure) -> bytes:
     """The figure as PNG, on white."""
     buffer = io.BytesIO()

@@ -76,6 +76,34 @@ def write_report(
     return path
 
 
+def write_overview(
+    path: Path,
+    run: str | Path,
+    samples: Mapping[str, Sequence[Sample]],
+    evaluation: Evaluation,
+) -> Path:
+    """One picture of what a run does: buffers, drawn and path traced image of each split's median view, as PNG."""
+    generator = load_generator(Path(run))
+    rows = []
+    for split, dataset in samples.items():
+        index, _ = _examples(evaluation.splits[split].per_image)[0]
+        sample = dataset[index]
+        drawn = draw_all(generator, sample, evaluation.ambient)["generated"]
+        pictures = [
+            (name, plots.channel_pixels(name, sample[name])) for name in generator.schema.channels
+        ]
+        pictures.append(
+            (
+                f"drawn by the network\n{float(metrics.psnr(drawn, sample[TARGET])):.1f} dB",
+                plots.display_pixels(drawn),
+            )
+        )
+        pictures.append(("path traced", plots.display_pixels(sample[TARGET])))
+        rows.append((SPLIT_NAMES.get(split, split) + " view", pictures))
+    write_atomic(path, plots.to_png(plots.overview_figure(rows)))
+    return path
+
+
 def check_report(path: str | Path) -> list[str]:
     """What is wrong with a report: references to other files, or size. Empty if it stands alone."""
     data = read_bytes(Path(path))

@@ -48,8 +48,7 @@ def run_training(
         result = train(
             uri, folder, checked, provenance=provenance, on_progress=on_progress, catch_signals=True
         )
-    for remark in result.remarks:
-        console.say(f"pave: warning: {remark}")
+    console.warn(result.remarks)
     if result.interrupted:
         raise RunError(
             f"{folder}: interrupted after step {result.steps}; run the same command again to go on"

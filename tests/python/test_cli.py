@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command import PAVE, environment, pave, start
+from command import PAVE, ROOT, environment, pave, start
 
 import pave as library
 
@@ -108,6 +108,18 @@ def test_doctor_finds_nothing_to_mend():
     assert all(record["ok"] for record in outcome.records)
 
 
+def test_doctor_says_where_kernels_are_kept_or_why_not(tmp_path):
+    def cache(**environment):
+        records = pave("doctor", "--json", **environment).records
+        (record,) = (record for record in records if record["check"] == "kernel cache")
+        return record["detail"]
+
+    folder = tmp_path / "cache"
+    assert cache(PAVE_CACHE_DIR=str(folder)) == str(folder)
+    folder.chmod(0o777)
+    assert "chmod 700" in cache(PAVE_CACHE_DIR=str(folder))
+
+
 def test_render_writes_what_the_library_renders(place):
     outcome = pave("render", "cornell", "-o", "x.exr", *TINY, "--seed", "5", "--json")
     assert outcome.code == 0, outcome.err
@@ -126,6 +138,22 @@ def test_render_writes_what_the_library_renders(place):
     )
     for name in frame.channels:
         np.testing.assert_array_equal(frame[name].numpy(), stored[name].numpy(), err_msg=name)
+
+
+def test_triangles_without_area_are_reported(place):
+    # One so small that float32 has no normal for it.
+    place.joinpath("thin.obj").write_text(
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1e-10 0 0\nv 0 1e-10 0\nf 1 2 3\nf 1 4 5\n"
+    )
+    scene = (ROOT / "scenes" / "cornell.xml").read_text()
+    shape = '<shape type="obj"><string name="filename" value="thin.obj"/></shape>\n</scene>'
+    place.joinpath("thin.xml").write_text(scene.replace("</scene>", shape))
+    outcome = pave("render", "thin.xml", "-o", "x.png", *TINY)
+    assert outcome.code == 0, outcome.err
+    assert "pave: warning: triangles without area, left out: 1" in outcome.err
+    outcome = pave("dataset", "thin.xml", "bp:x.bp", "--views", "1", *TINY, "--json")
+    assert outcome.code == 0, outcome.err
+    assert outcome.records[-1]["warnings"] == ["triangles without area, left out: 1"]
 
 
 def test_render_again_replaces_the_image_with_the_same_bytes(place):

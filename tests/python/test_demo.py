@@ -15,6 +15,7 @@ from test_parity import TOLERANCE
 
 import pave as library
 from pave import demo as module
+from pave import drawing
 from pave.console import Console
 from pave.demo import DemoSetting, run_demo
 
@@ -53,7 +54,10 @@ def test_quick_demo(demo):
     assert all(value >= 0 for value in record["seconds"].values())
     # Some hundred steps on small images learn less than the full demo, but more than nothing.
     assert record["psnr"] > record["baseline_psnr"]
-    for name in ("report.html", "run/generator.safetensors", "run/generator.json", "run/loss.png"):
+    for name in (
+        "report.html", "figures/overview.png", "run/generator.safetensors", "run/generator.json",
+        "run/loss.png",
+    ):  # fmt: skip
         assert (folder / name).stat().st_size > 0, name
     assert library.Source(f"bp:{folder / 'cornell.bp'}").finished
     assert library.Source(f"bp:{folder / 'novel.bp'}").finished
@@ -194,7 +198,7 @@ def test_seconds_add_up_over_calls_and_the_trace_is_always_there(tiny, tmp_path,
 
 
 def test_other_buffers_than_those_trained_on_fail_the_demo(tiny, monkeypatch):
-    monkeypatch.setattr(module, "cheap_depth", lambda _: 1)
+    monkeypatch.setattr(drawing, "cheap_depth", lambda _: 1)
     with pytest.raises(library.RunError, match="another 'direct'"):
         tiny()
 
