@@ -107,7 +107,9 @@ std::string enter_own_mounts() {
         write_text("/proc/self/gid_map", "0 " + std::to_string(group) + " 1");
     }
     if (mount(nullptr, "/", nullptr, MS_REC | MS_PRIVATE, nullptr) == 0) return {};
-    return errno == EPERM || errno == EACCES ? kNotAllowed : std::strerror(errno);
+    // EINVAL: in a chroot / is no mount of its own, and others would see the disk.
+    return errno == EPERM || errno == EACCES || errno == EINVAL ? kNotAllowed
+                                                                : std::strerror(errno);
 }
 
 /// A disk of `pages` pages, a tmpfs, given to `body` as a folder.
