@@ -32,7 +32,8 @@ class TrainOptions:
     epochs: int = 40
     minutes: float | None = None  # instead of `epochs`: as many as a short trial says will fit
     batch: int = 2
-    lr: float = 1e-3
+    lr: float = 5e-4
+    d_lr: float = 1e-3  # the discriminator's, which has less to learn from
     beta1: float = 0.5
     beta2: float = 0.999
     l1_weight: float = 260.0
@@ -45,7 +46,7 @@ class TrainOptions:
     refine: int = 1
     d_filters: int = 16
     d_layers: int = 3
-    d_norm: str = "batch"  # without it the discriminator learns too slowly to matter
+    d_norm: str = "none"  # of the same images: drawn and path traced batches have other statistics
     ema_decay: float = 0.998
     mirror: bool = False  # half of the images mirrored, with their normals
     best: str = "psnr"
@@ -92,6 +93,7 @@ class TrainOptions:
             "epochs": (1, 1_000_000),
             "batch": (1, 4096),
             "lr": (0.0, 1.0),
+            "d_lr": (0.0, 1.0),
             "beta1": (0.0, 0.9999),
             "beta2": (0.0, 0.999999),
             "l1_weight": (0.0, 1e6),

@@ -99,7 +99,9 @@ class Trainer:
         self.average = Average(self.generator, options.ema_decay)
         betas = (options.beta1, options.beta2)
         self.g_adam = torch.optim.Adam(self.generator.parameters(), lr=options.lr, betas=betas)
-        self.d_adam = torch.optim.Adam(self.discriminator.parameters(), lr=options.lr, betas=betas)
+        self.d_adam = torch.optim.Adam(
+            self.discriminator.parameters(), lr=options.d_lr, betas=betas
+        )
         self.real_loss, self.fake_loss = discriminator_losses(options.gan_mode)
         self.g_loss = generator_loss(options.gan_mode)
         self.g_limit, self.d_limit = (
@@ -117,13 +119,13 @@ class Trainer:
         done = self.step_index / self.steps
         factor = 0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * min(done, 1.0)))
         factor *= min(1.0, (self.step_index + 1) / warm_up)
-        for adam in (self.g_adam, self.d_adam):
+        for adam, rate in ((self.g_adam, self.options.lr), (self.d_adam, self.options.d_lr)):
             for group in adam.param_groups:
-                group["lr"] = self.options.lr * factor
+                group["lr"] = rate * factor
 
     @property
     def rate(self) -> float:
-        """The learning rate of the last step."""
+        """The generator's learning rate in the last step."""
         return float(self.g_adam.param_groups[0]["lr"])
 
     def step(self, buffers: torch.Tensor, target: torch.Tensor) -> dict[str, torch.Tensor]:

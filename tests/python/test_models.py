@@ -101,7 +101,7 @@ def test_discriminator_judges_patches() -> None:
 
 
 def test_discriminator_learns_to_tell() -> None:
-    """It must be able to: shown the path-traced image and the direct light alone, its verdicts part within a hundred steps."""
+    """It must be able to: shown the path-traced image and the direct light alone, its verdicts part within three hundred steps."""
     from pave.schema import fit_schema
 
     samples = make_samples(8)
@@ -110,10 +110,12 @@ def test_discriminator_learns_to_tell() -> None:
     real = torch.stack([schema.encode_target(sample) for sample in samples])
     fake = buffers[:, 3:6]
     torch.manual_seed(2)
-    network = Discriminator(13, filters=8, layers=3, norm=TrainOptions().d_norm)
-    adam = torch.optim.Adam(network.parameters(), lr=2e-3, betas=(0.5, 0.999))
+    options = TrainOptions()
+    network = Discriminator(13, options.d_filters, options.d_layers, options.d_norm)
+    betas = (options.beta1, options.beta2)
+    adam = torch.optim.Adam(network.parameters(), lr=options.d_lr, betas=betas)
     real_loss, fake_loss = losses.discriminator_losses("bce")
-    for _ in range(100):
+    for _ in range(300):
         loss = real_loss(network(buffers, real)) + fake_loss(network(buffers, fake))
         adam.zero_grad()
         loss.backward()
