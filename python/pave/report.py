@@ -82,12 +82,12 @@ def write_overview(
     samples: Mapping[str, Sequence[Sample]],
     evaluation: Evaluation,
 ) -> Path:
-    """One picture of what a run does: buffers, drawn and path traced image of each split's median view, as PNG."""
+    """One picture of what a run does, as PNG: buffers, drawn and path traced image of the view of each split in which the
+    most pixels are lit; other views of a box show much of its outside."""
     generator = load_generator(Path(run))
     rows = []
     for split, dataset in samples.items():
-        index, _ = _examples(evaluation.splits[split].per_image)[0]
-        sample = dataset[index]
+        sample = dataset[max(range(len(dataset)), key=lambda index: _lit(dataset[index]))]
         drawn = draw_all(generator, sample, evaluation.ambient)["generated"]
         pictures = [
             (name, plots.channel_pixels(name, sample[name])) for name in generator.schema.channels
@@ -102,6 +102,11 @@ def write_overview(
         rows.append((SPLIT_NAMES.get(split, split) + " view", pictures))
     write_atomic(path, plots.to_png(plots.overview_figure(rows)))
     return path
+
+
+def _lit(sample: Sample) -> float:
+    """Share of pixels that are not black."""
+    return float((sample[TARGET].amax(0) > 1e-3).float().mean())
 
 
 def check_report(path: str | Path) -> list[str]:

@@ -9,6 +9,7 @@ import contextlib
 import json
 import math
 import platform
+import statistics
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -31,6 +32,7 @@ from pave.trainer import Trainer
 CONFIG_FILE = "config.json"
 REPORT_STEPS = 10  # steps between two calls of on_progress
 VALIDATION_BATCH = 8
+TRIAL_STEPS, TRIAL_SHARE = 30, 0.05  # most steps of the trial, most of the minutes given
 PLANNED_SHARE = 0.92  # of the minutes given; the rest is for what a short trial cannot foresee
 HARD_LIMIT = 1.3  # times the minutes given: a busy machine should not cut off the end of the learning rate's fall
 
@@ -178,16 +180,19 @@ class TrainingRun:
             return self.options.epochs
         order = self._order(0)
         trial = Trainer(self.schema, self.options, 1, self.device)
-        begin = time.monotonic()
-        for count in range(8):
-            if count == 2:
-                begin = time.monotonic()
+        step_seconds = []
+        for count in range(TRIAL_STEPS):
+            begin = time.monotonic()
             trial.step(*self._to_device(self.images.batch(order[count % len(order)])))
-        _synchronize(self.device)
-        step_seconds = (time.monotonic() - begin) / 6
+            _synchronize(self.device)
+            step_seconds.append(time.monotonic() - begin)
+            if count > 1 and sum(step_seconds) > TRIAL_SHARE * 60 * self.options.minutes:
+                break
+        # The first ones plan convolutions and fill caches; the median lets a disturbed one go.
+        step = statistics.median(step_seconds[len(step_seconds) // 3 :])
         # An image in validation costs about what a third of a training step costs for one: only forward.
-        validation = step_seconds / self.options.batch / 3 * len(self.validation)
-        epoch_seconds = step_seconds * len(order) + validation
+        validation = step / self.options.batch / 3 * len(self.validation)
+        epoch_seconds = step * len(order) + validation
         return max(1, int(60 * self.options.minutes * PLANNED_SHARE / epoch_seconds))
 
     # The run ---------------------------------------------------------------------------------------------------------
