@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 import io
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -162,11 +162,13 @@ def evaluate(
 
     ambient = None
     if baseline:
-        fit = metrics.AmbientFit()
-        for index in range(len(training)):
-            fit.add(training[index])
-            step()
-        ambient = [float(k) for k in fit.ambient]
+
+        def samples() -> Iterator[Sample]:
+            for index in range(len(training)):
+                yield training[index]
+                step()
+
+        ambient = [float(k) for k in metrics.fit_ambient(samples())]
     result = Evaluation(
         generator.weights_version,
         ambient,

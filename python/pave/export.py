@@ -274,10 +274,15 @@ class ExportedGenerator:
         return image[0] if single else image
 
 
+def padded_side(side: int, multiple: int) -> int:
+    """The least multiple that is not below `side`."""
+    return side + -side % multiple
+
+
 def pad_to_multiple(buffers: torch.Tensor, multiple: int) -> torch.Tensor:
     """Repeats the last row and column of (..., C, H, W) until both sides are multiples; the caller crops the result."""
     height, width = buffers.shape[-2:]
-    right, bottom = -width % multiple, -height % multiple
+    right, bottom = padded_side(width, multiple) - width, padded_side(height, multiple) - height
     if not (right or bottom):
         return buffers
     return functional.pad(buffers, (0, right, 0, bottom), mode="replicate")

@@ -11,7 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 import torch
 
 from pave.errors import InputError, UsageError
-from pave.export import pad_to_multiple
+from pave.export import pad_to_multiple, padded_side
 from pave.schema import TARGET, Sample, Schema
 
 Batch = tuple[torch.Tensor, torch.Tensor]
@@ -39,8 +39,8 @@ class EncodedImages:
         self.samples, self.schema, self.name, self.multiple = samples, schema, name, multiple
         self.height, self.width = image_size(samples)
         planes = schema.in_planes + schema.output_planes
-        padded = (self.height + -self.height % multiple) * (self.width + -self.width % multiple)
-        byte_size = 4 * planes * padded * len(samples)
+        pixels = padded_side(self.height, multiple) * padded_side(self.width, multiple)
+        byte_size = 4 * planes * pixels * len(samples)
         self.cache: Batch | None = None
         if byte_size <= cache_bytes:
             pairs = [self._encode(index) for index in range(len(samples))]

@@ -124,7 +124,7 @@ class TrainingRun:
             height, width = image_size(samples)
             metrics.check_size(width, height)
             levels, multiple = self.options.d_layers, 2**self.options.unet_depth
-            side = min(height + -height % multiple, width + -width % multiple)
+            side = export.padded_side(min(height, width), multiple)
             if self.options.adversarial_weight > 0 and side < 2**levels:
                 raise UsageError(
                     f"d_layers {levels} leaves nothing of images of {width}x{height} pixels; "

@@ -259,7 +259,8 @@ def test_workers_are_forked_while_others_read(places):
             assert first
     finally:
         done.set()
-        reader.join()
+        reader.join(timeout=60)
+    assert not reader.is_alive()
 
 
 def test_opening_sees_one_moment_of_a_store_that_others_take_from():
@@ -281,7 +282,8 @@ def test_opening_sees_one_moment_of_a_store_that_others_take_from():
         indices = [dataset.metadata(i)["index"] for i in range(count)]
         assert indices == list(range(2000 - count, 2000))
         del dataset
-    taker.join()
+    taker.join(timeout=60)
+    assert not taker.is_alive()
 
 
 @pytest.mark.parametrize("place", ["bp", "exr"])

@@ -61,7 +61,7 @@ def test_images_are_durable_on_return(tmp_path, monkeypatch, write):
 
 def test_what_dead_processes_left_is_removed(tmp_path: Path) -> None:
     gone = subprocess.Popen([sys.executable, "-c", ""])
-    gone.wait()
+    gone.wait(timeout=60)
     stale = [tmp_path / f".a.json.{gone.pid}.tmp", tmp_path / f".b.{10**30}.tmp"]
     kept = [
         tmp_path / f".a.json.{os.getpid()}.tmp",  # of a writer that is at work

@@ -215,7 +215,7 @@ def test_killed_in_mid_epoch_and_resumed_is_unbroken(tmp_path: Path) -> None:
             process.send_signal(signal.SIGKILL)
         finally:
             process.kill()
-            process.wait()
+            process.wait(timeout=60)
             process.stdout.close()
         assert process.returncode == -signal.SIGKILL, "it ended before it could be killed"
     result = run(folder, epochs=20)
@@ -641,7 +641,7 @@ def test_folder_of_something_else_is_refused(tmp_path: Path) -> None:
 
 def test_what_a_kill_left_half_written_is_removed(tmp_path: Path) -> None:
     gone = subprocess.Popen([sys.executable, "-c", ""])
-    gone.wait()
+    gone.wait(timeout=60)
     stale = [tmp_path / f".config.json.{gone.pid}.tmp"]
     stale += [tmp_path / "checkpoints" / f".step-0000000004.ckpt.{gone.pid}.tmp"]
     run(tmp_path)
