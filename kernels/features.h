@@ -7,11 +7,17 @@
 #ifndef PAVE_HAS_RECTS /* 0 or 1 each: kinds of shapes in the broadcast loops */
 #define PAVE_HAS_RECTS 1
 #endif
+#ifndef PAVE_HAS_AXIS_RECTS /* rectangles across a coordinate axis, in loops of their own */
+#define PAVE_HAS_AXIS_RECTS 0
+#endif
 #ifndef PAVE_HAS_DISKS
 #define PAVE_HAS_DISKS 1
 #endif
 #ifndef PAVE_HAS_CUBES
 #define PAVE_HAS_CUBES 1
+#endif
+#ifndef PAVE_HAS_AXIS_CUBES /* cubes with edges along a coordinate axis, in loops of their own */
+#define PAVE_HAS_AXIS_CUBES 0
 #endif
 #ifndef PAVE_HAS_SPHERES
 #define PAVE_HAS_SPHERES 1
@@ -62,6 +68,12 @@
 #ifndef PAVE_ONE_LIGHT /* the light table has one row, which is broadcast instead of gathered */
 #define PAVE_ONE_LIGHT 0
 #endif
+#ifndef PAVE_FEW_SURFACES /* at most 32 */
+#define PAVE_FEW_SURFACES 0
+#endif
+#ifndef PAVE_SOBOL /* 0 or 1: stratified numbers for the first dimensions, or all independent */
+#define PAVE_SOBOL 1
+#endif
 #ifndef PAVE_STACK /* traversal stack, 8..1024; the host computes what a tree needs */
 #define PAVE_STACK 128
 #endif
@@ -82,7 +94,10 @@ typedef vuint ShapeWord;
 #define PAVE_CHANNELS ((1 << CHANNEL_COUNT) - 1)
 #endif
 
-#define PAVE_HAS_SHAPES (PAVE_HAS_RECTS || PAVE_HAS_DISKS || PAVE_HAS_CUBES || PAVE_HAS_SPHERES)
+#define PAVE_HAS_SHAPES                                                                \
+    (PAVE_HAS_AXIS_RECTS || PAVE_HAS_RECTS || PAVE_HAS_DISKS || PAVE_HAS_AXIS_CUBES || \
+     PAVE_HAS_CUBES || PAVE_HAS_SPHERES)
+#define SURFACES_IN_REGISTERS (PAVE_FEW_SURFACES && PAVE_BUILTINS)
 #define PAVE_HAS_TREE (PAVE_HAS_TRIANGLES || PAVE_TREE_SHAPES)
 #define PAVE_HAS_SPECULAR (PAVE_HAS_CONDUCTOR || PAVE_HAS_DIELECTRIC)
 #define PAVE_HAS_AREA_LIGHT \

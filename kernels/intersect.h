@@ -30,7 +30,7 @@ static inline vfloat affine(__global const ShapeFloat* row, vec3 p) {
 
 /// Where the ray meets the rectangle or disk: t, and whether that is inside and ahead.
 static inline vmask meet_flat(__global const FlatShape* s, int is_disk, vec3 o, vec3 d, vfloat* t) {
-    *t = (s->n[3] - linear(s->n, o)) / linear(s->n, d);
+    *t = (s->n[3] - linear(s->n, o)) * reciprocal(linear(s->n, d));
     const vec3 p = mad3(d, *t, o);
     const vfloat x = affine(s->u, p), y = affine(s->v, p);
     const vfloat extent = is_disk ? mad_f(x, x, y * y) : vmax(vabs(x), vabs(y));
@@ -55,40 +55,57 @@ typedef struct {
     vec3 enter, leave, pace;
     vfloat t_in, t_out;
 } Slabs;
-static inline Slabs meet_slabs(__global const CubeShape* s, vec3 o, vec3 d) {
+/// From object coordinates: the origin's, and the reciprocal of the direction's.
+static inline Slabs slabs_of(vec3 at, vec3 pace) {
     Slabs r;
-    r.pace = vec3_of(1.0f / linear(s->row[0], d), 1.0f / linear(s->row[1], d),
-                     1.0f / linear(s->row[2], d));
-    const vec3 at = vec3_of(linear(s->row[0], o), linear(s->row[1], o), linear(s->row[2], o));
-    const vec3 low = vec3_of((s->row[0][3] - at.x) * r.pace.x, (s->row[1][3] - at.y) * r.pace.y,
-                             (s->row[2][3] - at.z) * r.pace.z);
-    const vec3 high = vec3_of((s->high[0] - at.x) * r.pace.x, (s->high[1] - at.y) * r.pace.y,
-                              (s->high[2] - at.z) * r.pace.z);
-    r.enter = vec3_of(vmin(low.x, high.x), vmin(low.y, high.y), vmin(low.z, high.z));
-    r.leave = vec3_of(vmax(low.x, high.x), vmax(low.y, high.y), vmax(low.z, high.z));
+    const vec3 across = vec3_of(vabs(pace.x), vabs(pace.y), vabs(pace.z));
+    r.pace = pace;
+    r.enter = vec3_of(mad_f(-at.x, pace.x, -across.x), mad_f(-at.y, pace.y, -across.y),
+                      mad_f(-at.z, pace.z, -across.z));
+    r.leave = vec3_of(mad_f(-at.x, pace.x, across.x), mad_f(-at.y, pace.y, across.y),
+                      mad_f(-at.z, pace.z, across.z));
     r.t_in = vmax(vmax(r.enter.x, r.enter.y), r.enter.z);
     r.t_out = vmin(vmin(r.leave.x, r.leave.y), r.leave.z);
     return r;
 }
+static inline Slabs meet_cube(__global const CubeShape* s, vec3 o, vec3 d) {
+    return slabs_of(vec3_of(affine(s->row[0], o), affine(s->row[1], o), affine(s->row[2], o)),
+                    vec3_of(slope_of(linear(s->row[0], d)), slope_of(linear(s->row[1], d)),
+                            slope_of(linear(s->row[2], d))));
+}
+
+/// 0 or 1 by the sign.
+static inline vint sign_bit(vfloat x) { return as_vint(as_vuint(x) >> 31); }
+/// Takes the face of the cube that the ray meets first; x, y and z are the low faces' surfaces.
+static inline void closest_slabs(const Slabs* r, vint x, vint y, vint z, Hit* hit) {
+    const vmask through = r->t_in <= r->t_out;
+    // Entering against an axis passes its high face, which has the next number.
+    vint face = z + sign_bit(r->pace.z);
+    face = r->enter.y == r->t_in ? y + sign_bit(r->pace.y) : face;
+    face = r->enter.x == r->t_in ? x + sign_bit(r->pace.x) : face;
+    const vmask enters = through & (r->t_in > 0.0f) & (r->t_in < hit->t);
+    hit->id = enters ? face : hit->id;
+    hit->t = enters ? r->t_in : hit->t;
+    const vmask leaves = through & (r->t_in <= 0.0f) & (r->t_out > 0.0f) & (r->t_out < hit->t);
+    if (!lane_any(leaves)) return;  // only rays that start inside
+    face = z + 1 - sign_bit(r->pace.z);
+    face = r->leave.y == r->t_out ? y + 1 - sign_bit(r->pace.y) : face;
+    face = r->leave.x == r->t_out ? x + 1 - sign_bit(r->pace.x) : face;
+    hit->id = leaves ? face : hit->id;
+    hit->t = leaves ? r->t_out : hit->t;
+}
+static inline vmask occludes_slabs(const Slabs* r, vfloat t_max) {
+    const vfloat t = r->t_in > 0.0f ? r->t_in : r->t_out;
+    return (r->t_in <= r->t_out) & (t > 0.0f) & (t < t_max);
+}
 static inline void closest_cube(__global const CubeShape* s, vec3 o, vec3 d, Hit* hit) {
-    const Slabs r = meet_slabs(s, o, d);
-    const vmask entering = r.t_in > 0.0f;
-    const vfloat t = entering ? r.t_in : r.t_out;
-    const vmask m = (r.t_in <= r.t_out) & (t > 0.0f) & (t < hit->t);
-    const vmask is_x = (entering ? r.enter.x : r.leave.x) == t;
-    const vmask is_y = (entering ? r.enter.y : r.leave.y) == t;
-    const vfloat pace = is_x ? r.pace.x : (is_y ? r.pace.y : r.pace.z);
-    // Entering against the axis and leaving along it both pass the high face.
-    const vmask high = entering ? (pace < 0.0f) : (pace > 0.0f);
-    const vint face = (is_x ? splat_int(0) : (is_y ? splat_int(2) : splat_int(4))) +
-                      (high ? splat_int(1) : splat_int(0));
-    hit->t = m ? t : hit->t;
-    hit->id = m ? face + as_vint(splat_uint(s->surface)) : hit->id;
+    const Slabs r = meet_cube(s, o, d);
+    const vint face = as_vint(splat_uint(s->surface));
+    closest_slabs(&r, face, face + 2, face + 4, hit);
 }
 static inline vmask occludes_cube(__global const CubeShape* s, vec3 o, vec3 d, vfloat t_max) {
-    const Slabs r = meet_slabs(s, o, d);
-    const vfloat t = r.t_in > 0.0f ? r.t_in : r.t_out;
-    return (r.t_in <= r.t_out) & (t > 0.0f) & (t < t_max);
+    const Slabs r = meet_cube(s, o, d);
+    return occludes_slabs(&r, t_max);
 }
 
 /// First root ahead. The discriminant comes from the ray's distance to the center and the roots

@@ -13,6 +13,7 @@ typedef struct {
     vfloat pmf, radius, pdf_area;
     vec3 radiance;
     vint normals;
+    vfloat largest;  // coordinate, of what the light reaches
 } Light;
 
 typedef struct {
@@ -27,8 +28,8 @@ typedef struct {
 /// Weight of a sample with density `pdf` against the other strategy's `other`. Power heuristic,
 /// Veach 1997, eq. 9.13; as a ratio, so that an infinite density (delta lobe) gets weight 1.
 static inline vfloat mis_weight(vfloat pdf, vfloat other) {
-    const vfloat r = vmin(other, splat(3e38f)) / pdf;
-    return 1.0f / mad_f(r, r, splat(1.0f));
+    const vfloat r = vmin(other, splat(3e38f)) * reciprocal(pdf);
+    return reciprocal(mad_f(r, r, splat(1.0f)));
 }
 
 #if PAVE_HAS_LIGHTS
@@ -45,6 +46,7 @@ static inline Light light_of_rows(Row r0, Row r1, Row r2) {
     l.pdf_area = r1.s7;
     l.radiance = vec3_of(r2.s0, r2.s1, r2.s2);
     l.normals = as_vint(r2.s3);
+    l.largest = r2.s4;
     return l;
 }
 
@@ -136,7 +138,7 @@ static inline vec3 sample_sphere_light(const Light* l, vec3 p, vfloat u1, vfloat
 static inline vfloat pdf_light(const Light* l, vec3 p, vec3 on, vec3 n_geom) {
     const vec3 to = sub3(on, p);
     const vfloat d2 = dot3(to, to);
-    vfloat pdf = l->pdf_area * d2 * sqrt(d2) / vabs(dot3(n_geom, to));
+    vfloat pdf = l->pdf_area * d2 * d2 * inverse_sqrt(d2) * reciprocal(vabs(dot3(n_geom, to)));
 #if PAVE_HAS_SPHERE_LIGHT
     const vmask sphere = l->kind == LIGHT_SPHERE;
     if (lane_any(sphere)) pdf = sphere ? pdf_sphere_light(l, p, on, n_geom) : pdf;
@@ -172,7 +174,7 @@ static inline vec3 sample_area_light(const Scene* s, const Light* l, vec3 p, vfl
     *n = l->n;
     const vec3 to = sub3(on, p);
     const vfloat d2 = dot3(to, to);
-    *pdf = l->pdf_area * d2 * sqrt(d2) / vabs(dot3(*n, to));
+    *pdf = l->pdf_area * d2 * d2 * inverse_sqrt(d2) * reciprocal(vabs(dot3(*n, to)));
     *n_side = *n;
 #if PAVE_HAS_TRIANGLE_LIGHT && PAVE_HAS_SMOOTH
     *n_side = smooth_normal(s, triangle ? l->normals : splat_int(-1), a, b, *n);
@@ -206,15 +208,9 @@ static inline LightSample sample_light(const Scene* s, vec3 p, vint index, vfloa
     const vec3 on = sample_area_light(s, &l, p, u1, u2, &n, &n_side, &out.pdf);
     const vec3 to = sub3(on, p);
     const vfloat d2 = dot3(to, to);
-    out.wi = scale3(to, 1.0f / sqrt(d2));
+    out.wi = scale3(to, inverse_sqrt(d2));
     out.pdf = keep((dot3(n_side, out.wi) < 0.0f) & (d2 > 0.0f), out.pdf);
-    // Triangles and disks reach as far as p + e1 and p + e2: their plane is as inexact as the
-    // largest of these.
-    const vfloat scale =
-        vmax(max_abs_component(on),
-             vmax(max_abs_component(l.p), vmax(max_abs_component(l.e1), max_abs_component(l.e2)))) +
-        l.radius;
-    out.end = leave_surface(on, n, offset_at(s, scale), neg3(out.wi));
+    out.end = leave_surface(on, n, offset_at(s, l.largest), neg3(out.wi));
 #else
     out.wi = out.end = splat3(0.0f, 0.0f, 0.0f);
     out.pdf = splat(0.0f);
@@ -232,10 +228,10 @@ static inline LightSample sample_light(const Scene* s, vec3 p, vint index, vfloa
     if (lane_any(point)) {
         const vec3 to_point = sub3(l.p, p);
         const vfloat squared = dot3(to_point, to_point);
-        out.wi = select3(point, scale3(to_point, 1.0f / sqrt(squared)), out.wi);
+        out.wi = select3(point, scale3(to_point, inverse_sqrt(squared)), out.wi);
         out.end = select3(point, l.p, out.end);
         out.pdf = point ? keep(squared > 0.0f, l.pmf) : out.pdf;
-        out.radiance = select3(point, scale3(l.radiance, 1.0f / squared), out.radiance);
+        out.radiance = select3(point, scale3(l.radiance, reciprocal(squared)), out.radiance);
         out.delta = point;
     }
 #endif

@@ -57,13 +57,37 @@ PAVE_STRUCT(FlatShape) {
 };
 PAVE_SIZEOF(FlatShape, 64);
 
-/// A cube under any affine map: slab a is row[a][3] <= dot(row[a].xyz, P) <= high[a].
+/// A rectangle whose edges run along the axes: axes (k + 1) % 3 and (k + 2) % 3 of a normal along
+/// k.
+PAVE_STRUCT(AxisRect) {
+    ShapeFloat plane;      // coordinate k of all its points
+    ShapeFloat center[2];  // the other two
+    ShapeFloat reach[2];   // half its sides plus rounding
+    ShapeWord surface;
+    ShapeWord pad[2];
+};
+PAVE_SIZEOF(AxisRect, 32);
+
+/// A cube under any affine map: its object coordinates are dot(row[a].xyz, P) + row[a][3], from -1
+/// to 1.
 PAVE_STRUCT(CubeShape) {
     ShapeFloat row[3][4];
-    ShapeFloat high[3];
     ShapeWord surface;  // first of its six faces: low x, high x, low y, high y, low z, high z
+    ShapeWord pad[3];
 };
 PAVE_SIZEOF(CubeShape, 64);
+
+/// A cube with four edges along axis k, turned about it in any way. Its object coordinates are u
+/// and v, of axes i = (k + 1) % 3 and j = (k + 2) % 3, and one along k; all from -1 to 1.
+PAVE_STRUCT(AxisCube) {
+    ShapeFloat u[3], v[3];   // u[0] * P[i] + u[1] * P[j] + u[2]
+    ShapeFloat along[2];     // along[0] * P[k] + along[1]
+    ShapeFloat half_length;  // 1 / along[0]
+    ShapeWord face_u, face_v,
+        face_along;  // surfaces of the low faces; those of the high ones follow
+    ShapeWord pad[4];
+};
+PAVE_SIZEOF(AxisCube, 64);
 
 PAVE_STRUCT(SphereShape) {
     ShapeFloat center[3];
@@ -92,7 +116,7 @@ PAVE_SIZEOF(SphereShape, 32);
 // light, 3 rows:
 //   { p xyz, KIND (int), e1 xyz, pmf }
 //   { e2 xyz, radius, normal xyz, pdf by area (with pmf) }
-//   { radiance or intensity rgb, normals (int, -1: flat), -, -, -, - }
+//   { radiance or intensity rgb, normals (int, -1: flat), largest coordinate, -, -, - }
 //   quad: p + a*e1 + b*e2, a and b in [0,1]; triangle: p + b1*e1 + b2*e2; disk: p + x*e1 + y*e2;
 //   sphere: center p, radius, +1 or -1 in normal.x for light on its outside or inside; point: p.
 // clang-format on
@@ -101,6 +125,11 @@ PAVE_SIZEOF(SphereShape, 32);
 #define NORMALS_ROWS 2
 #define BSDF_ROWS 3
 #define LIGHT_ROWS 3
+
+// Sobol table, behind the other tables: for each sample and vertex a row
+//   { light u1, u2, bsdf u1, u2, camera x, y, choice of the light, - }
+#define SOBOL_SAMPLES 1024
+#define SOBOL_VERTICES 2
 
 // BITS: [23:0] bsdf, [25:24] BSDF_* type, [26] two sided, [27] emits, [29:28] SURFACE_* kind, [30]
 // sphere seen from inside out
@@ -172,6 +201,8 @@ PAVE_STRUCT(PathParams) {
 
     PAVE_U32 seed_low, seed_high, frame;
 
+    int axis_rects[3], axis_shadow[3];  // across x, y, z, one after another
+    int axis_cubes[3];                  // along x, y, z
     // Broadcast shapes; the first *_shadow of each kind can stand between a surface and a light.
     int rect_count, rect_shadow;
     int disk_count, disk_shadow;  // disks follow the rectangles
@@ -181,11 +212,12 @@ PAVE_STRUCT(PathParams) {
     int light_count;
 
     // First rows in their buffers.
-    PAVE_U32 flat_row, cube_row, sphere_row;                               // shapes
-    PAVE_U32 surface_row, triangle_row, normals_row, bsdf_row, light_row;  // tables
+    PAVE_U32 flat_row, axis_rect_row, axis_cube_row, cube_row, sphere_row;  // shapes
+    PAVE_U32 surface_row, triangle_row, normals_row, bsdf_row, light_row;   // tables
+    PAVE_U32 sobol_row;
     PAVE_U32 leaf_row;  // tree; nodes begin at row 0
 };
-PAVE_SIZEOF(PathParams, 280);
+PAVE_SIZEOF(PathParams, 328);
 
 #ifndef __OPENCL_VERSION__
 }  // namespace pave::kernel

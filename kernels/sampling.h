@@ -33,7 +33,7 @@ static inline void sample_disk(vfloat u1, vfloat u2, vfloat* x, vfloat* y) {
     const vmask steep = vabs(b) > vabs(a);
     const vfloat r = steep ? b : a, other = steep ? a : b;
     vfloat s, c;
-    sincos_small((0.25f * PI_F) * other / (r == 0.0f ? splat(1.0f) : r), &s, &c);
+    sincos_small((0.25f * PI_F) * other * reciprocal(r == 0.0f ? splat(1.0f) : r), &s, &c);
     *x = r * (steep ? s : c);
     *y = r * (steep ? c : s);
 }

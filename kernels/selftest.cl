@@ -3,6 +3,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Arrays are planar: value k of item i is array[k * count + i]; count is a multiple of 16, a work-
 // item takes PAVE_LANES items.
+#undef PAVE_FEW_SURFACES
+#define PAVE_FEW_SURFACES 0
+#define PAVE_SOBOL 0
 #include "bsdf.h"
 #include "light.h"
 #include "rng.h"

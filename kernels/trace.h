@@ -1,6 +1,7 @@
 // Closest hit and occlusion of PAVE_LANES rays: broadcast shapes first, then the tree ray by ray.
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
+#include "axis_shapes.h"
 #include "tree.h"
 
 #if PAVE_HAS_TREE
@@ -40,6 +41,15 @@ static inline TreeRay ray_of_lane(const LaneRays* rays, uint i) {
 static inline Hit trace_closest(const Scene* s, vec3 o, vec3 d, vmask active, vint skip) {
     Hit hit = no_hit();
     __constant const PathParams* p = s->p;
+#if PAVE_HAS_AXIS_RECTS || PAVE_HAS_AXIS_CUBES
+    const AxisRays axis = axis_rays(o, d);
+#endif
+#if PAVE_HAS_AXIS_RECTS
+    closest_axis_rects(s, &axis, &hit);
+#endif
+#if PAVE_HAS_AXIS_CUBES
+    closest_axis_cubes(s, &axis, &hit);
+#endif
 #if PAVE_HAS_RECTS
     for (int i = 0; i < p->rect_count; ++i) closest_flat(flat_shapes(s) + i, 0, o, d, &hit);
 #endif
@@ -86,6 +96,15 @@ static inline vmask trace_any(const Scene* s, vec3 o, vec3 d, vfloat t_max, vmas
                               vint skip) {
     vmask blocked = mask_of(0);
     __constant const PathParams* p = s->p;
+#if PAVE_HAS_AXIS_RECTS || PAVE_HAS_AXIS_CUBES
+    const AxisRays axis = axis_rays(o, d);
+#endif
+#if PAVE_HAS_AXIS_RECTS
+    blocked |= any_axis_rects(s, &axis, t_max);
+#endif
+#if PAVE_HAS_AXIS_CUBES
+    blocked |= any_axis_cubes(s, &axis, t_max);
+#endif
 #if PAVE_HAS_RECTS
     for (int i = 0; i < p->rect_shadow; ++i)
         blocked |= occludes_flat(flat_shapes(s) + i, 0, o, d, t_max);

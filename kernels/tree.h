@@ -2,25 +2,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 #include "intersect.h"
-
-/// Everything a scene is on the device.
-typedef struct {
-    __constant const PathParams* p;
-    __global const float8* shapes;
-    __global const float8* tree;
-    __global const float8* tables;
-    __global const uint* light_cdf;
-} Scene;
-
-static inline __global const FlatShape* flat_shapes(const Scene* s) {
-    return (__global const FlatShape*)(s->shapes + s->p->flat_row);
-}
-static inline __global const CubeShape* cube_shapes(const Scene* s) {
-    return (__global const CubeShape*)(s->shapes + s->p->cube_row);
-}
-static inline __global const SphereShape* sphere_shapes(const Scene* s) {
-    return (__global const SphereShape*)(s->shapes + s->p->sphere_row);
-}
+#include "scene.h"
 
 #if PAVE_HAS_TREE
 

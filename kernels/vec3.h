@@ -31,7 +31,7 @@ static inline vec3 cross3(vec3 a, vec3 b) {
     return vec3_of(mad_f(a.y, b.z, -(a.z * b.y)), mad_f(a.z, b.x, -(a.x * b.z)),
                    mad_f(a.x, b.y, -(a.y * b.x)));
 }
-static inline vec3 normalize3(vec3 a) { return scale3(a, 1.0f / sqrt(dot3(a, a))); }
+static inline vec3 normalize3(vec3 a) { return scale3(a, inverse_sqrt(dot3(a, a))); }
 static inline vec3 select3(vmask m, vec3 a, vec3 b) {
     return vec3_of(m ? a.x : b.x, m ? a.y : b.y, m ? a.z : b.z);
 }
@@ -52,7 +52,7 @@ typedef struct {
 /// revisited".
 static inline Basis basis_around(vec3 n) {
     const vfloat sign = with_sign(splat(1.0f), n.z);
-    const vfloat a = -1.0f / (sign + n.z);
+    const vfloat a = -reciprocal(sign + n.z);
     const vfloat b = n.x * n.y * a;
     Basis r;
     r.s = vec3_of(mad_f(sign * n.x * n.x, a, splat(1.0f)), sign * b, -sign * n.x);
@@ -93,15 +93,15 @@ static inline Row gather_row(__global const float8* table, vint index) {
 #else
 
 /// Transposes 4 rows; out.lo/.hi of element k hold columns k and k+4.
-static inline void transpose_4(float8 a, float8 b, float8 c, float8 d, float4* columns) {
-    const float8 t0 = (float8)(a.s0, b.s0, a.s1, b.s1, a.s4, b.s4, a.s5, b.s5);
-    const float8 t1 = (float8)(a.s2, b.s2, a.s3, b.s3, a.s6, b.s6, a.s7, b.s7);
-    const float8 t2 = (float8)(c.s0, d.s0, c.s1, d.s1, c.s4, d.s4, c.s5, d.s5);
-    const float8 t3 = (float8)(c.s2, d.s2, c.s3, d.s3, c.s6, d.s6, c.s7, d.s7);
-    const float8 u0 = (float8)(t0.s0, t0.s1, t2.s0, t2.s1, t0.s4, t0.s5, t2.s4, t2.s5);
-    const float8 u1 = (float8)(t0.s2, t0.s3, t2.s2, t2.s3, t0.s6, t0.s7, t2.s6, t2.s7);
-    const float8 u2 = (float8)(t1.s0, t1.s1, t3.s0, t3.s1, t1.s4, t1.s5, t3.s4, t3.s5);
-    const float8 u3 = (float8)(t1.s2, t1.s3, t3.s2, t3.s3, t1.s6, t1.s7, t3.s6, t3.s7);
+static inline void transpose_4(uint8 a, uint8 b, uint8 c, uint8 d, uint4* columns) {
+    const uint8 t0 = (uint8)(a.s0, b.s0, a.s1, b.s1, a.s4, b.s4, a.s5, b.s5);
+    const uint8 t1 = (uint8)(a.s2, b.s2, a.s3, b.s3, a.s6, b.s6, a.s7, b.s7);
+    const uint8 t2 = (uint8)(c.s0, d.s0, c.s1, d.s1, c.s4, d.s4, c.s5, d.s5);
+    const uint8 t3 = (uint8)(c.s2, d.s2, c.s3, d.s3, c.s6, d.s6, c.s7, d.s7);
+    const uint8 u0 = (uint8)(t0.s0, t0.s1, t2.s0, t2.s1, t0.s4, t0.s5, t2.s4, t2.s5);
+    const uint8 u1 = (uint8)(t0.s2, t0.s3, t2.s2, t2.s3, t0.s6, t0.s7, t2.s6, t2.s7);
+    const uint8 u2 = (uint8)(t1.s0, t1.s1, t3.s0, t3.s1, t1.s4, t1.s5, t3.s4, t3.s5);
+    const uint8 u3 = (uint8)(t1.s2, t1.s3, t3.s2, t3.s3, t1.s6, t1.s7, t3.s6, t3.s7);
     columns[0] = u0.lo;
     columns[1] = u1.lo;
     columns[2] = u2.lo;
@@ -113,23 +113,25 @@ static inline void transpose_4(float8 a, float8 b, float8 c, float8 d, float4* c
 }
 
 #if PAVE_LANES == 4
-#define ROW_COLUMN(k) c0[k]
+#define ROW_COLUMN(k) as_vfloat(c0[k])
 #elif PAVE_LANES == 8
-#define ROW_COLUMN(k) ((float8)(c0[k], c1[k]))
+#define ROW_COLUMN(k) as_vfloat((uint8)(c0[k], c1[k]))
 #else
-#define ROW_COLUMN(k) ((float16)(c0[k], c1[k], c2[k], c3[k]))
+#define ROW_COLUMN(k) as_vfloat((uint16)(c0[k], c1[k], c2[k], c3[k]))
 #endif
 
-/// One 32-byte load a lane and a transpose: half the work of eight gathers.
-static inline Row gather_row(__global const float8* table, vint index) {
-    float4 c0[8];
+/// One 32-byte load a lane and a transpose: half the work of eight gathers. As integers, for rows
+/// hold such too, and a float that is NaN need not survive.
+static inline Row gather_row(__global const float8* rows, vint index) {
+    __global const uint8* table = (__global const uint8*)rows;
+    uint4 c0[8];
     transpose_4(table[index.s0], table[index.s1], table[index.s2], table[index.s3], c0);
 #if PAVE_LANES >= 8
-    float4 c1[8];
+    uint4 c1[8];
     transpose_4(table[index.s4], table[index.s5], table[index.s6], table[index.s7], c1);
 #endif
 #if PAVE_LANES == 16
-    float4 c2[8], c3[8];
+    uint4 c2[8], c3[8];
     transpose_4(table[index.s8], table[index.s9], table[index.sa], table[index.sb], c2);
     transpose_4(table[index.sc], table[index.sd], table[index.se], table[index.sf], c3);
 #endif
@@ -145,6 +147,67 @@ static inline Row gather_row(__global const float8* table, vint index) {
     return row;
 }
 
+#endif
+
+#if PAVE_BUILTINS
+/// A table of at most 32 rows, column by column: picking one is an instruction a column.
+typedef struct {
+    vfloat low[8], high[8];
+} FewRows;
+
+/// Rows `low` of the table become 0 to 15, `high` 16 to 31.
+static inline FewRows few_rows(__global const float8* table, vint low, vint high) {
+    FewRows f;
+    const Row a = gather_row(table, low), b = gather_row(table, high);
+    f.low[0] = a.s0;
+    f.low[1] = a.s1;
+    f.low[2] = a.s2;
+    f.low[3] = a.s3;
+    f.low[4] = a.s4;
+    f.low[5] = a.s5;
+    f.low[6] = a.s6;
+    f.low[7] = a.s7;
+    f.high[0] = b.s0;
+    f.high[1] = b.s1;
+    f.high[2] = b.s2;
+    f.high[3] = b.s3;
+    f.high[4] = b.s4;
+    f.high[5] = b.s5;
+    f.high[6] = b.s6;
+    f.high[7] = b.s7;
+    return f;
+}
+static inline vfloat pick_column(const FewRows* f, int column, vint index) {
+    return __builtin_astype(
+        __builtin_ia32_vpermi2varps512(as_plain_float16(f->low[column]), as_plain_int16(index),
+                                       as_plain_float16(f->high[column])),
+        vfloat);
+}
+static inline Row pick_row(const FewRows* f, vint index) {
+    Row r;
+    r.s0 = pick_column(f, 0, index);
+    r.s1 = pick_column(f, 1, index);
+    r.s2 = pick_column(f, 2, index);
+    r.s3 = pick_column(f, 3, index);
+    r.s4 = pick_column(f, 4, index);
+    r.s5 = pick_column(f, 5, index);
+    r.s6 = pick_column(f, 6, index);
+    r.s7 = pick_column(f, 7, index);
+    return r;
+}
+static inline vfloat xor_floats(vfloat a, vfloat b) { return as_vfloat(as_vuint(a) ^ as_vuint(b)); }
+static inline Row xor_rows(Row a, Row b) {
+    Row r;
+    r.s0 = xor_floats(a.s0, b.s0);
+    r.s1 = xor_floats(a.s1, b.s1);
+    r.s2 = xor_floats(a.s2, b.s2);
+    r.s3 = xor_floats(a.s3, b.s3);
+    r.s4 = xor_floats(a.s4, b.s4);
+    r.s5 = xor_floats(a.s5, b.s5);
+    r.s6 = xor_floats(a.s6, b.s6);
+    r.s7 = xor_floats(a.s7, b.s7);
+    return r;
+}
 #endif
 
 /// table[index] of every lane.

@@ -43,7 +43,7 @@ static inline vec3 smooth_normal(const Scene* s, vint normals, vfloat b1, vfloat
     n = mad3(vec3_of(r0.s4, r0.s5, r0.s6), b1, n);
     n = mad3(vec3_of(r1.s0, r1.s1, r1.s2), b2, n);
     const vfloat squared = dot3(n, n);
-    return select3(smooth & (squared > 1e-20f), scale3(n, 1.0f / sqrt(squared)), n_geom);
+    return select3(smooth & (squared > 1e-20f), scale3(n, inverse_sqrt(squared)), n_geom);
 }
 #endif
 
@@ -76,8 +76,7 @@ static inline void triangle_vertex(const Scene* s, const Hit* hit, vmask m, Vert
 #if PAVE_HAS_SHAPES || PAVE_TREE_SHAPES
 static inline void shape_vertex(const Scene* s, const Hit* hit, vmask triangle, vec3 o, vec3 d,
                                 Vertex* v) {
-    const vint row = (triangle ? splat_int(0) : hit->id) * SURFACE_ROWS;
-    const Row r = gather_row(s->tables + s->p->surface_row, row);
+    const Row r = surface_row(s, triangle ? splat_int(0) : hit->id);
     const vec3 q = vec3_of(r.s0, r.s1, r.s2);
     const vec3 p = mad3(d, hit->t, o);
     v->bits = as_vint(r.s3);
@@ -175,7 +174,7 @@ static inline Basis basis_of_vertex(const Scene* s, const Vertex* v) {
     tangent = mad3(v->n_shade, -dot3(v->n_shade, tangent), tangent);
     const vfloat squared = dot3(tangent, tangent);
     const vmask m = lane_not(triangle) & (squared > 1e-20f);
-    b.s = select3(m, scale3(tangent, 1.0f / sqrt(squared)), b.s);
+    b.s = select3(m, scale3(tangent, inverse_sqrt(squared)), b.s);
     b.t = select3(m, cross3(b.n, b.s), b.t);
 #endif
     return b;

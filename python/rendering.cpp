@@ -48,14 +48,21 @@ class Progress {
     std::exception_ptr raised_;
 };
 
+Sampler sampler_of(const std::string& name) {
+    if (name == "sobol") return Sampler::kSobol;
+    if (name == "independent") return Sampler::kIndependent;
+    throw UsageError("sampler '" + name + "' is none of sobol, independent");
+}
+
 void render(Renderer& renderer, const View& view, Frame& frame, int spp, int max_depth,
-            int rr_depth, uint64_t seed, int64_t frame_index, int tile_rows, int work_group_size,
-            int lane_width, nb::object callable) {
+            int rr_depth, const std::string& sampler, uint64_t seed, int64_t frame_index,
+            int tile_rows, int work_group_size, int lane_width, nb::object callable) {
     Progress progress(std::move(callable));
     RenderOptions options;
     options.spp = spp;
     options.max_depth = max_depth;
     options.rr_depth = rr_depth;
+    options.sampler = sampler_of(sampler);
     options.seed = seed;
     options.frame_index = frame_index;
     options.tile_rows = tile_rows;
@@ -111,9 +118,9 @@ void bind_renderer(nb::module_& module) {
         .def(nb::init<const Device&, const Scene&>(), nb::arg("device"), nb::arg("scene"),
              Released())
         .def("render", &render, nb::arg("view"), nb::arg("frame"), nb::arg("spp"),
-             nb::arg("max_depth"), nb::arg("rr_depth"), nb::arg("seed"), nb::arg("frame_index"),
-             nb::arg("tile_rows"), nb::arg("work_group_size"), nb::arg("lane_width"),
-             nb::arg("progress").none())
+             nb::arg("max_depth"), nb::arg("rr_depth"), nb::arg("sampler"), nb::arg("seed"),
+             nb::arg("frame_index"), nb::arg("tile_rows"), nb::arg("work_group_size"),
+             nb::arg("lane_width"), nb::arg("progress").none())
         .def_prop_ro("dropped_samples", &Renderer::dropped_samples)
         .def_prop_ro("dropped_triangles", &Renderer::dropped_triangles);
 }

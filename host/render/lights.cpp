@@ -43,6 +43,8 @@ void add_row(SceneData& data, const LightSource& light, double pmf) {
     put3(b, 4, light.normal);
     b[7] = light.area > 0 ? static_cast<float>(pmf / light.area) : 0.0f;
     for (size_t i = 0; i < 3; ++i) c[i] = light.radiance[i];
+    c[4] =
+        static_cast<float>(max_abs(light.p) + max_abs(light.e1) + max_abs(light.e2) + light.radius);
     c[3] = as_float_bits(static_cast<uint32_t>(light.normals));
     data.lights.insert(data.lights.end(), {a, b, c});
 }

@@ -8,6 +8,7 @@
 #include <numbers>
 #include <string>
 
+#include "host/render/sobol.h"
 #include "pave/error.h"
 
 namespace pave {
@@ -18,9 +19,9 @@ constexpr int kMaxSpp = 1 << 24;
 constexpr int kMaxDepthWithoutRoulette = 1 << 16;
 constexpr const char* kNames[CHANNEL_COUNT] = {
     "color", "albedo", "direct", "normal", "depth", "distance", "variance", "position", "object"};
-constexpr int kPathsPerSegment = 1024;  // a work-item's worth: 20 to 200 us on a CPU core
+constexpr int kPathsPerSegment = 4096;  // a work-item's worth: 0.1 to 0.8 ms on a CPU core
 constexpr int kLeastSegment = 8;
-constexpr int kLargestSegment = 64;  // PAVE_SEGMENT
+constexpr int kLargestSegment = 256;  // PAVE_SEGMENT
 
 [[noreturn]] void refuse(const std::string& what, auto value, const std::string& range) {
     throw UsageError(what + " " + std::to_string(value) + " is outside " + range);
@@ -83,6 +84,8 @@ void check_options(const View& view, const RenderOptions& options, size_t max_wo
         static_cast<size_t>(options.work_group_size) > max_work_group_size)
         refuse("work_group_size", options.work_group_size,
                "0.." + std::to_string(max_work_group_size));
+    if (options.sampler != Sampler::kSobol && options.sampler != Sampler::kIndependent)
+        refuse("sampler", static_cast<int>(options.sampler), "sobol, independent");
     const int lanes = options.lane_width;
     if (lanes != 0 && lanes != 1 && lanes != 4 && lanes != 8 && lanes != 16)
         refuse("lane_width", lanes, "0, 1, 4, 8, 16");
@@ -153,6 +156,11 @@ kernel::PathParams make_params(const SceneData& data, const Scene& scene, const 
     const int disks = static_cast<int>(data.flats.size()) - data.rect_count;
     p.rect_count = data.broadcast ? data.rect_count : 0;
     p.rect_shadow = data.broadcast ? data.rect_shadow : 0;
+    for (size_t k = 0; k < 3; ++k) {
+        p.axis_rects[k] = data.axis_rect_count[k];
+        p.axis_cubes[k] = data.axis_cube_count[k];
+        p.axis_shadow[k] = data.axis_shadow[k];
+    }
     p.disk_count = data.broadcast ? disks : 0;
     p.disk_shadow = data.broadcast ? data.disk_shadow : 0;
     p.cube_count = data.broadcast ? static_cast<int>(data.cubes.size()) : 0;
@@ -161,13 +169,16 @@ kernel::PathParams make_params(const SceneData& data, const Scene& scene, const 
     p.light_count = data.light_count;
     const auto copies = static_cast<uint32_t>(data.repeat_shapes ? lanes : 1);
     p.flat_row = 0;
-    p.cube_row = rows_of(data.flats) * copies;
+    p.axis_rect_row = rows_of(data.flats) * copies;
+    p.axis_cube_row = p.axis_rect_row + rows_of(data.axis_rects) * copies;
+    p.cube_row = p.axis_cube_row + rows_of(data.axis_cubes) * copies;
     p.sphere_row = p.cube_row + rows_of(data.cubes) * copies;
     p.surface_row = 0;
     p.triangle_row = rows_of(data.surfaces);
     p.normals_row = p.triangle_row + rows_of(data.triangles);
     p.bsdf_row = p.normals_row + rows_of(data.normals);
     p.light_row = p.bsdf_row + rows_of(data.bsdfs);
+    p.sobol_row = p.light_row + rows_of(data.lights);
     p.leaf_row = rows_of(data.nodes);
     return p;
 }
@@ -175,6 +186,8 @@ kernel::PathParams make_params(const SceneData& data, const Scene& scene, const 
 std::vector<Row> pack_shapes(const SceneData& data, int lanes) {
     std::vector<Row> rows;
     append(rows, data.flats);
+    append(rows, data.axis_rects);
+    append(rows, data.axis_cubes);
     append(rows, data.cubes);
     append(rows, data.spheres);
     rows.resize(rows.size() + 2);
@@ -198,6 +211,7 @@ std::vector<Row> pack_tables(const SceneData& data) {
     append(rows, data.normals);
     append(rows, data.bsdfs);
     append(rows, data.lights);
+    append(rows, sobol_rows());
     return rows;
 }
 

@@ -4,6 +4,7 @@
 #include <chrono>
 #include <deque>
 #include <map>
+#include <tuple>
 
 #include "host/render/options.h"
 #include "pave/error.h"
@@ -78,13 +79,14 @@ class Renderer::Impl {
 
    private:
     /// Program for these channels and lanes; built when first asked for.
-    cl::Kernel& kernel_for(uint32_t channels, int lanes) {
-        const auto key = std::pair(channels, lanes);
+    cl::Kernel& kernel_for(uint32_t channels, int lanes, Sampler sampler) {
+        const auto key = std::tuple(channels, lanes, sampler);
         auto it = kernels_.find(key);
         if (it == kernels_.end()) {
             Defines defines = data_.features;
             defines.insert_or_assign("PAVE_CHANNELS", channels);
             defines.insert_or_assign("PAVE_LANES", lanes);
+            defines.insert_or_assign("PAVE_SOBOL", sampler == Sampler::kSobol ? 1 : 0);
             defines.insert_or_assign("PAVE_SEGMENT", segment_of(1, lanes));
             const cl::Program program = build_program(device_, "path.cl", defines);
             it = kernels_.emplace(key, make_kernel(program, "render_paths")).first;
@@ -105,7 +107,7 @@ class Renderer::Impl {
         const FrameSchema& schema = target.schema();
         const int lanes =
             options.lane_width != 0 ? options.lane_width : device_.profile().lane_width;
-        cl::Kernel& kernel = kernel_for(channels_of(schema), lanes);
+        cl::Kernel& kernel = kernel_for(channels_of(schema), lanes, options.sampler);
         const kernel::PathParams p = make_params(data_, scene_, view, options, schema, lanes);
         write_buffer(device_, params_, std::array{p}, "parameters");
         const cl::Buffer slot = slot_buffer_of(device_, target);
@@ -240,7 +242,7 @@ class Renderer::Impl {
     std::map<int, cl::Buffer> shapes_;  // by lanes
     cl::Buffer tree_, tables_, light_cdf_, dropped_, params_, kept_;
     size_t kept_pixels_ = 0;
-    std::map<std::pair<uint32_t, int>, cl::Kernel> kernels_;
+    std::map<std::tuple<uint32_t, int, Sampler>, cl::Kernel> kernels_;
     double paths_a_second_ = kFirstGuess * std::max(device_.profile().compute_units, 1);
     uint64_t dropped_samples_ = 0;
     uint32_t last_dropped_ = 0;

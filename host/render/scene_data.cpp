@@ -118,6 +118,9 @@ void add_features(const Scene& scene, SceneData& data, const RendererPaths& path
         return;
     }
     const auto disks = static_cast<int>(data.flats.size()) - data.rect_count;
+    set("PAVE_HAS_AXIS_RECTS", !data.axis_rects.empty());
+    set("PAVE_FEW_SURFACES", data.surfaces.size() <= 32 * SURFACE_ROWS);
+    set("PAVE_HAS_AXIS_CUBES", !data.axis_cubes.empty());
     set("PAVE_HAS_RECTS", data.broadcast && data.rect_count > 0);
     set("PAVE_HAS_DISKS", data.broadcast && disks > 0);
     set("PAVE_HAS_CUBES", data.broadcast && !data.cubes.empty());
@@ -154,6 +157,7 @@ SceneData build_scene_data(const Scene& scene, const RendererPaths& paths) {
     data.broadcast = shapes <= static_cast<size_t>(std::max(paths.broadcast_shapes, 0));
     if (data.broadcast) sort_occluders(scene, data, paths);
     data.repeat_shapes = data.broadcast && paths.specialise;
+    if (data.repeat_shapes) split_axis_shapes(data);
     add_tree(data);
     add_features(scene, data, paths);
     data.surface_count = static_cast<int>(data.surfaces.size() / SURFACE_ROWS);

@@ -28,6 +28,10 @@ struct Primitive {
 
 struct SceneData {
     std::vector<kernel::FlatShape> flats;  // rectangles, then disks
+    // Across and along x, y, z: what has left `flats` and `cubes`; see host/render/axis_shapes.cpp.
+    std::vector<kernel::AxisRect> axis_rects;
+    std::vector<kernel::AxisCube> axis_cubes;
+    std::array<int, 3> axis_rect_count{}, axis_shadow{}, axis_cube_count{};
     std::vector<kernel::CubeShape> cubes;
     std::vector<kernel::SphereShape> spheres;
     int rect_count = 0, rect_shadow = 0, disk_shadow = 0;
@@ -74,6 +78,8 @@ void add_triangles(const Scene& scene, SceneData& data, std::vector<LightSource>
 void add_lights(const Scene& scene, SceneData& data, std::vector<LightSource> lights);
 /// Puts the flat shapes that can stand between a surface and a light first.
 void sort_occluders(const Scene& scene, SceneData& data, const RendererPaths& paths);
+/// Moves the rectangles and cubes with edges along the coordinate axes to lists of their own.
+void split_axis_shapes(SceneData& data);
 void add_tree(SceneData& data);
 void add_features(const Scene& scene, SceneData& data, const RendererPaths& paths);
 

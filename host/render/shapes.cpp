@@ -1,6 +1,7 @@
 // Rectangles, disks, cubes and spheres: from object transforms to what the kernels intersect,
 // shade and sample.
 // SPDX-License-Identifier: BSD-3-Clause
+#include <algorithm>
 #include <bit>
 #include <cmath>
 #include <numbers>
@@ -101,8 +102,7 @@ class ShapeAdder {
             const Double3 row = cross(axis[(a + 1) % 3], axis[(a + 2) % 3]) / volume;
             const double center = dot(row, axes.origin);
             set3(cube.row[a], row);
-            cube.row[a][3] = static_cast<float>(center - 1);
-            cube.high[a] = static_cast<float>(center + 1);
+            cube.row[a][3] = static_cast<float>(-center);
             for (int side = -1; side <= 1; side += 2)
                 add_face(shape, axes.origin, axis, a, side, normalized(row) * side);
         }
@@ -228,8 +228,7 @@ Aabb bounds_of(const kernel::CubeShape& cube) {
     for (size_t corner = 0; corner < 8; ++corner)
         for (size_t a = 0; a < 3; ++a)
             corners[corner] =
-                corners[corner] +
-                axis[a] * static_cast<double>(corner >> a & 1 ? cube.high[a] : cube.row[a][3]);
+                corners[corner] + axis[a] * ((corner >> a & 1 ? 1.0 : -1.0) - cube.row[a][3]);
     return box_around(corners);
 }
 
@@ -259,9 +258,9 @@ std::array<double, 2> distances(const kernel::FlatShape& flat, const kernel::Cub
     const Double3 n{flat.n[0], flat.n[1], flat.n[2]};
     double low = -flat.n[3], high = -flat.n[3];
     for (size_t a = 0; a < 3; ++a) {
-        const double p = dot(n, axis[a]) * cube.row[a][3], q = dot(n, axis[a]) * cube.high[a];
-        low += std::min(p, q);
-        high += std::max(p, q);
+        const double middle = -dot(n, axis[a]) * cube.row[a][3], half = std::abs(dot(n, axis[a]));
+        low += middle - half;
+        high += middle + half;
     }
     return {low, high};
 }

@@ -285,6 +285,7 @@ class Renderer:
         spp: int,
         max_depth: int,
         rr_depth: int,
+        sampler: str,
         seed: int,
         frame_index: int,
         tile_rows: int,

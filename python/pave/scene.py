@@ -214,6 +214,7 @@ class Renderer:
         spp: int | None = None,
         max_depth: int | None = None,
         rr_depth: int | None = None,
+        sampler: str = "sobol",
         seed: int = 0,
         frame_index: int | None = None,
         progress: Callable[[float], bool | None] | None = None,
@@ -225,7 +226,9 @@ class Renderer:
         metadata. Blocks.
 
         `view` None is the scene file's; so are `spp` (samples a pixel), `max_depth` (edges of the
-        longest path) and `rr_depth` (Russian roulette from there on). `seed` and `frame_index` (by
+        longest path) and `rr_depth` (Russian roulette from there on). `sampler`
+        is "sobol" (stratified at the first two vertices of a path, so less noise; channel `variance`
+        is then an upper bound) or "independent". `seed` and `frame_index` (by
         default the number that the frame's stage gave it) key the random numbers: same values, same
         bits. `tile_rows`, `work_group_size` and `lane_width` change only the schedule; 0 chooses.
 
@@ -244,6 +247,7 @@ class Renderer:
                 spp=whole("spp", scene.spp if spp is None else spp),
                 max_depth=whole("max_depth", scene.max_depth if max_depth is None else max_depth),
                 rr_depth=whole("rr_depth", scene.rr_depth if rr_depth is None else rr_depth),
+                sampler=sampler,
                 seed=whole("seed", seed, 0, UINT64_MAX),
                 frame_index=whole("frame_index", index, 0, INT64_MAX),
                 tile_rows=whole("tile_rows", tile_rows),
@@ -255,7 +259,8 @@ class Renderer:
 
     @property
     def dropped_samples(self) -> int:
-        """Samples of all renders so far that were not finite and were counted as black; 0 is normal."""
+        """Samples of all renders so far that met radiance that is not finite, which was left out; 0 is
+        normal."""
         return self._renderer.dropped_samples
 
     @property

@@ -12,11 +12,18 @@
 
 namespace pave {
 
+/// Where a path's numbers come from.
+enum class Sampler {
+    kSobol,  // stratified over a pixel's samples at the first two vertices, independent beyond
+    kIndependent,  // all independent: more noise, but `variance` is then exactly its measure
+};
+
 struct RenderOptions {
     int spp = 16;        // samples a pixel, 1..2^24
     int max_depth = 50;  // edges of the longest path, as Mitsuba: 1 = emission seen, 2 = one
                          // scattering event, ...
     int rr_depth = 5;    // Russian roulette from this depth on; >= max_depth switches it off
+    Sampler sampler = Sampler::kSobol;
     uint64_t seed = 0;
     int64_t frame_index = 0;  // part of the random numbers' key, 0..2^32-1
     // Schedule: none of these changes a single bit of the result.
@@ -56,7 +63,8 @@ class Renderer {
     /// out of range, DeviceError from OpenCL.
     void render(const View& view, const RenderOptions& options, Frame& frame);
 
-    /// Samples of all renders so far that were not finite and so were counted as black. 0 unless
+    /// Samples of all renders so far that met radiance that is not finite: it was left out and the
+    /// path ended there. 0 unless
     /// the scene holds absurd numbers or PAVE has a bug.
     uint64_t dropped_samples() const;
     /// Triangles without an area or with coordinates that are not finite, which were left out.

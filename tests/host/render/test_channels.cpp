@@ -175,8 +175,9 @@ TEST(Channels, VarianceIsThatOfTheMean) {
     constexpr size_t kPixels = 8 * 8;
     std::vector<double> sum(kPixels), squares(kPixels), predicted(kPixels);
     for (int k = 0; k < kImages; ++k) {
-        const Frame frame = render(renderer, 8, 8, {"color", "variance"},
-                                   {.spp = 16, .seed = static_cast<uint64_t>(k)});
+        const Frame frame =
+            render(renderer, 8, 8, {"color", "variance"},
+                   {.spp = 16, .sampler = Sampler::kIndependent, .seed = static_cast<uint64_t>(k)});
         for (size_t i = 0; i < kPixels; ++i) {
             const double x = frame.channel("color")[i];
             sum[i] += x;

@@ -10,9 +10,9 @@ namespace {
 
 using Block = std::array<uint32_t, 4>;
 
-/// Philox4x32-10 once more, for the host; Salmon et al. 2011, section 3.3.
+/// Philox4x32-7 once more, for the host; Salmon et al. 2011, section 3.3.
 Block philox_host(Block c, uint32_t k0, uint32_t k1) {
-    for (int round = 0; round < 10; ++round) {
+    for (int round = 0; round < 7; ++round) {
         const uint64_t p0 = uint64_t{0xD2511F53} * c[0], p1 = uint64_t{0xCD9E8D57} * c[2];
         c = {static_cast<uint32_t>(p1 >> 32) ^ c[1] ^ k0, static_cast<uint32_t>(p1),
              static_cast<uint32_t>(p0 >> 32) ^ c[3] ^ k1, static_cast<uint32_t>(p0)};
@@ -27,15 +27,15 @@ struct KnownAnswer {
     std::array<uint32_t, 2> key;
     Block answer;
 };
-// Random123's kat_vectors for philox4x32 with 10 rounds.
+// Random123's kat_vectors for philox4x32 with 7 rounds.
 constexpr KnownAnswer kKnownAnswers[] = {
-    {{0, 0, 0, 0}, {0, 0}, {0x6627e8d5, 0xe169c58d, 0xbc57ac4c, 0x9b00dbd8}},
+    {{0, 0, 0, 0}, {0, 0}, {0x5f6fb709, 0x0d893f64, 0x4f121f81, 0x4f730a48}},
     {{0xffffffff, 0xffffffff, 0xffffffff, 0xffffffff},
      {0xffffffff, 0xffffffff},
-     {0x408f276d, 0x41c83b0e, 0xa20bc7c6, 0x6d5451fd}},
+     {0x5207ddc2, 0x45165e59, 0x4d8ee751, 0x8c52f662}},
     {{0x243f6a88, 0x85a308d3, 0x13198a2e, 0x03707344},
      {0xa4093822, 0x299f31d0},
-     {0xd16cfe09, 0x94fdcceb, 0x5001e420, 0x24126ea1}},
+     {0x4dfccaba, 0x190a87f0, 0xc47362ba, 0xb6b5242a}},
 };
 
 class Rng : public ::testing::TestWithParam<int> {};
