@@ -13,6 +13,9 @@
 #ifndef PAVE_HAS_DISKS
 #define PAVE_HAS_DISKS 1
 #endif
+#ifndef PAVE_HAS_FLAT_TRIANGLES /* in the loops too; others are in the tree */
+#define PAVE_HAS_FLAT_TRIANGLES 1
+#endif
 #ifndef PAVE_HAS_CUBES
 #define PAVE_HAS_CUBES 1
 #endif
@@ -94,9 +97,9 @@ typedef vuint ShapeWord;
 #define PAVE_CHANNELS ((1 << CHANNEL_COUNT) - 1)
 #endif
 
-#define PAVE_HAS_SHAPES                                                                \
-    (PAVE_HAS_AXIS_RECTS || PAVE_HAS_RECTS || PAVE_HAS_DISKS || PAVE_HAS_AXIS_CUBES || \
-     PAVE_HAS_CUBES || PAVE_HAS_SPHERES)
+#define PAVE_HAS_SHAPES                                                                    \
+    (PAVE_HAS_AXIS_RECTS || PAVE_HAS_RECTS || PAVE_HAS_FLAT_TRIANGLES || PAVE_HAS_DISKS || \
+     PAVE_HAS_AXIS_CUBES || PAVE_HAS_CUBES || PAVE_HAS_SPHERES)
 #define SURFACES_IN_REGISTERS (PAVE_FEW_SURFACES && PAVE_BUILTINS)
 #define PAVE_HAS_TREE (PAVE_HAS_TRIANGLES || PAVE_TREE_SHAPES)
 #define PAVE_HAS_SPECULAR (PAVE_HAS_CONDUCTOR || PAVE_HAS_DIELECTRIC)

@@ -28,26 +28,27 @@ static inline vfloat affine(__global const ShapeFloat* row, vec3 p) {
                  mad_f(splat(row[1]), p.y, mad_f(splat(row[2]), p.z, splat(row[3]))));
 }
 
-/// Where the ray meets the rectangle or disk: t, and whether that is inside and ahead.
-static inline vmask meet_flat(__global const FlatShape* s, int is_disk, vec3 o, vec3 d, vfloat* t) {
+/// Where the ray meets the flat shape: t, and whether that is inside and ahead.
+static inline vmask meet_flat(__global const FlatShape* s, int kind, vec3 o, vec3 d, vfloat* t) {
     *t = (s->n[3] - linear(s->n, o)) * reciprocal(linear(s->n, d));
     const vec3 p = mad3(d, *t, o);
     const vfloat x = affine(s->u, p), y = affine(s->v, p);
-    const vfloat extent = is_disk ? mad_f(x, x, y * y) : vmax(vabs(x), vabs(y));
+    const vfloat extent = kind == FLAT_RECT   ? vmax(vabs(x), vabs(y))
+                          : kind == FLAT_DISK ? mad_f(x, x, y * y)
+                                              : vmax(vmax(-x, -y), x + y - 1.0f);
     // vmax(NaN, y) is y, but then t is NaN or infinite too and the caller's t < t_max fails.
     return (extent <= s->limit) & (*t > 0.0f);
 }
-static inline void closest_flat(__global const FlatShape* s, int is_disk, vec3 o, vec3 d,
-                                Hit* hit) {
+static inline void closest_flat(__global const FlatShape* s, int kind, vec3 o, vec3 d, Hit* hit) {
     vfloat t;
-    const vmask m = meet_flat(s, is_disk, o, d, &t) & (t < hit->t);
+    const vmask m = meet_flat(s, kind, o, d, &t) & (t < hit->t);
     hit->t = m ? t : hit->t;
     hit->id = m ? as_vint(splat_uint(s->surface)) : hit->id;
 }
-static inline vmask occludes_flat(__global const FlatShape* s, int is_disk, vec3 o, vec3 d,
+static inline vmask occludes_flat(__global const FlatShape* s, int kind, vec3 o, vec3 d,
                                   vfloat t_max) {
     vfloat t;
-    return meet_flat(s, is_disk, o, d, &t) & (t < t_max);
+    return meet_flat(s, kind, o, d, &t) & (t < t_max);
 }
 
 /// Slabs of a cube: per axis the entry and exit, and the direction's sign in `pace`.

@@ -43,19 +43,24 @@ using ShapeFloat = float;
 using ShapeWord = uint32_t;
 #endif
 
-/// A rectangle or disk. Object coordinates of a world point P: x = dot(u.xyz, P) + u[3], y likewise
-/// with v.
+/// A rectangle, disk or triangle. Object coordinates of a world point P: x = dot(u.xyz, P) + u[3],
+/// y likewise with v; of a triangle, the weights of its second and third corner.
 PAVE_STRUCT(FlatShape) {
     ShapeFloat u[4];
     ShapeFloat v[4];
     ShapeFloat n[4];    // unit normal; dot(n.xyz, P) == n[3] on the plane
-    ShapeFloat limit;   // max(|x|, |y|) of a rectangle, x*x + y*y of a disk; 1 plus rounding, so
-                        // that shared edges have no gap
+    ShapeFloat limit;   // of max(|x|, |y|), x*x + y*y, or max(-x, -y, x + y - 1); 1 (or 0) plus
+                        // rounding, so that shared edges have no gap
     ShapeWord surface;  // its surface (see below)
-    ShapeWord is_disk;
+    ShapeWord kind;     // FLAT_*
     ShapeWord pad;
 };
 PAVE_SIZEOF(FlatShape, 64);
+
+#define FLAT_RECT 0
+#define FLAT_DISK 1
+#define FLAT_TRIANGLE 2
+#define FLAT_KINDS 3
 
 /// A rectangle whose edges run along the axes: axes (k + 1) % 3 and (k + 2) % 3 of a normal along
 /// k.
@@ -204,8 +209,7 @@ PAVE_STRUCT(PathParams) {
     int axis_rects[3], axis_shadow[3];  // across x, y, z, one after another
     int axis_cubes[3];                  // along x, y, z
     // Broadcast shapes; the first *_shadow of each kind can stand between a surface and a light.
-    int rect_count, rect_shadow;
-    int disk_count, disk_shadow;  // disks follow the rectangles
+    int flat_count[FLAT_KINDS], flat_shadow[FLAT_KINDS];  // one kind after another
     int cube_count;
     int sphere_count;
     int surface_count;
@@ -217,7 +221,7 @@ PAVE_STRUCT(PathParams) {
     PAVE_U32 sobol_row;
     PAVE_U32 leaf_row;  // tree; nodes begin at row 0
 };
-PAVE_SIZEOF(PathParams, 328);
+PAVE_SIZEOF(PathParams, 336);
 
 #ifndef __OPENCL_VERSION__
 }  // namespace pave::kernel

@@ -27,8 +27,10 @@ typedef struct {
 #endif
 } Scene;
 
-static inline __global const FlatShape* flat_shapes(const Scene* s) {
-    return (__global const FlatShape*)(s->shapes + s->p->flat_row);
+static inline __global const FlatShape* flat_shapes(const Scene* s, int kind) {
+    __global const FlatShape* first = (__global const FlatShape*)(s->shapes + s->p->flat_row);
+    for (int before = 0; before < kind; ++before) first += s->p->flat_count[before];
+    return first;
 }
 static inline __global const AxisRect* axis_rects(const Scene* s) {
     return (__global const AxisRect*)(s->shapes + s->p->axis_rect_row);

@@ -36,6 +36,19 @@ static inline TreeRay ray_of_lane(const LaneRays* rays, uint i) {
 }
 #endif
 
+static inline void closest_flats(const Scene* s, int kind, vec3 o, vec3 d, Hit* hit) {
+    __global const FlatShape* first = flat_shapes(s, kind);
+    for (int i = 0; i < s->p->flat_count[kind]; ++i) closest_flat(first + i, kind, o, d, hit);
+}
+/// The first flat_shadow[kind] of a kind are those that can block.
+static inline vmask any_flats(const Scene* s, int kind, vec3 o, vec3 d, vfloat t_max) {
+    __global const FlatShape* first = flat_shapes(s, kind);
+    vmask blocked = mask_of(0);
+    for (int i = 0; i < s->p->flat_shadow[kind]; ++i)
+        blocked |= occludes_flat(first + i, kind, o, d, t_max);
+    return blocked;
+}
+
 /// Closest hit of the active lanes; the others get nothing of use. `skip`: id that the ray starts
 /// on, for triangles.
 static inline Hit trace_closest(const Scene* s, vec3 o, vec3 d, vmask active, vint skip) {
@@ -51,11 +64,13 @@ static inline Hit trace_closest(const Scene* s, vec3 o, vec3 d, vmask active, vi
     closest_axis_cubes(s, &axis, &hit);
 #endif
 #if PAVE_HAS_RECTS
-    for (int i = 0; i < p->rect_count; ++i) closest_flat(flat_shapes(s) + i, 0, o, d, &hit);
+    closest_flats(s, FLAT_RECT, o, d, &hit);
 #endif
 #if PAVE_HAS_DISKS
-    for (int i = 0; i < p->disk_count; ++i)
-        closest_flat(flat_shapes(s) + p->rect_count + i, 1, o, d, &hit);
+    closest_flats(s, FLAT_DISK, o, d, &hit);
+#endif
+#if PAVE_HAS_FLAT_TRIANGLES
+    closest_flats(s, FLAT_TRIANGLE, o, d, &hit);
 #endif
 #if PAVE_HAS_CUBES
     for (int i = 0; i < p->cube_count; ++i) closest_cube(cube_shapes(s) + i, o, d, &hit);
@@ -91,7 +106,7 @@ static inline Hit trace_closest(const Scene* s, vec3 o, vec3 d, vmask active, vi
 }
 
 /// Lanes of `active` whose ray meets something between 0 and t_max. For rays from a surface to a
-/// light: shapes that can not stand between them (rect_count > i >= rect_shadow) are left out.
+/// light: shapes that can not stand between them (those from flat_shadow[kind] on) are left out.
 static inline vmask trace_any(const Scene* s, vec3 o, vec3 d, vfloat t_max, vmask active,
                               vint skip) {
     vmask blocked = mask_of(0);
@@ -106,12 +121,13 @@ static inline vmask trace_any(const Scene* s, vec3 o, vec3 d, vfloat t_max, vmas
     blocked |= any_axis_cubes(s, &axis, t_max);
 #endif
 #if PAVE_HAS_RECTS
-    for (int i = 0; i < p->rect_shadow; ++i)
-        blocked |= occludes_flat(flat_shapes(s) + i, 0, o, d, t_max);
+    blocked |= any_flats(s, FLAT_RECT, o, d, t_max);
 #endif
 #if PAVE_HAS_DISKS
-    for (int i = 0; i < p->disk_shadow; ++i)
-        blocked |= occludes_flat(flat_shapes(s) + p->rect_count + i, 1, o, d, t_max);
+    blocked |= any_flats(s, FLAT_DISK, o, d, t_max);
+#endif
+#if PAVE_HAS_FLAT_TRIANGLES
+    blocked |= any_flats(s, FLAT_TRIANGLE, o, d, t_max);
 #endif
 #if PAVE_HAS_CUBES
     for (int i = 0; i < p->cube_count; ++i)

@@ -149,8 +149,8 @@ static inline void closest_in_shape(const Scene* s, int code, TreeRay* r) {
     hit.t = splat(r->t);
     hit.id = splat_int(r->id);
     if (kind == LEAF_FLAT) {
-        __global const FlatShape* f = flat_shapes(s) + index;
-        closest_flat(f, (int)f->is_disk, o, d, &hit);
+        __global const FlatShape* f = flat_shapes(s, FLAT_RECT) + index;
+        closest_flat(f, (int)f->kind, o, d, &hit);
     } else if (kind == LEAF_CUBE) {
         closest_cube(cube_shapes(s) + index, o, d, &hit);
     } else {
@@ -168,8 +168,8 @@ static inline int any_in_shape(const Scene* s, int code, const TreeRay* r) {
     const int kind = code & 3, index = code >> 2;
     const vfloat t = splat(r->t);
     if (kind == LEAF_FLAT) {
-        __global const FlatShape* f = flat_shapes(s) + index;
-        return lane_any(occludes_flat(f, (int)f->is_disk, o, d, t));
+        __global const FlatShape* f = flat_shapes(s, FLAT_RECT) + index;
+        return lane_any(occludes_flat(f, (int)f->kind, o, d, t));
     }
     if (kind == LEAF_CUBE) return lane_any(occludes_cube(cube_shapes(s) + index, o, d, t));
     return lane_any(occludes_sphere(sphere_shapes(s) + index, o, d, t));

@@ -39,7 +39,7 @@ void set_extent(kernel::AxisRect& rect, size_t place, const float* along, int ax
 
 bool to_axis_rect(const kernel::FlatShape& flat, kernel::AxisRect& rect, size_t& axis) {
     const int n = axis_along(flat.n), u = axis_along(flat.u), v = axis_along(flat.v);
-    if (flat.is_disk || n < 0 || u < 0 || v < 0) return false;
+    if (flat.kind != FLAT_RECT || n < 0 || u < 0 || v < 0) return false;
     rect.plane = flat.n[3] / flat.n[n];
     rect.surface = flat.surface;
     set_extent(rect, u == (n + 1) % 3 ? 0 : 1, flat.u, u, flat.limit);
@@ -90,7 +90,7 @@ void split_axis_shapes(SceneData& data) {
     int blocking = 0;
     for (int i = 0; i < static_cast<int>(data.flats.size()); ++i) {
         const kernel::FlatShape& flat = data.flats[static_cast<size_t>(i)];
-        const bool blocks = i < data.rect_shadow;
+        const bool blocks = i < data.flat_shadow[FLAT_RECT];
         kernel::AxisRect rect{};
         size_t axis = 0;
         if (to_axis_rect(flat, rect, axis)) {
@@ -111,8 +111,8 @@ void split_axis_shapes(SceneData& data) {
     }
     append(rects, data.axis_rects, data.axis_rect_count);
     append(cubes, data.axis_cubes, data.axis_cube_count);
-    data.rect_count -= static_cast<int>(data.axis_rects.size());
-    data.rect_shadow = blocking;
+    data.flat_count[FLAT_RECT] -= static_cast<int>(data.axis_rects.size());
+    data.flat_shadow[FLAT_RECT] = blocking;
     data.flats = std::move(other_flats);
     data.cubes = std::move(other_cubes);
 }

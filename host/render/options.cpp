@@ -153,16 +153,15 @@ kernel::PathParams make_params(const SceneData& data, const Scene& scene, const 
     p.seed_high = static_cast<uint32_t>(options.seed >> 32);
     p.frame = static_cast<uint32_t>(options.frame_index);
 
-    const int disks = static_cast<int>(data.flats.size()) - data.rect_count;
-    p.rect_count = data.broadcast ? data.rect_count : 0;
-    p.rect_shadow = data.broadcast ? data.rect_shadow : 0;
+    for (size_t kind = 0; kind < FLAT_KINDS; ++kind) {
+        p.flat_count[kind] = data.broadcast ? data.flat_count[kind] : 0;
+        p.flat_shadow[kind] = data.broadcast ? data.flat_shadow[kind] : 0;
+    }
     for (size_t k = 0; k < 3; ++k) {
         p.axis_rects[k] = data.axis_rect_count[k];
         p.axis_cubes[k] = data.axis_cube_count[k];
         p.axis_shadow[k] = data.axis_shadow[k];
     }
-    p.disk_count = data.broadcast ? disks : 0;
-    p.disk_shadow = data.broadcast ? data.disk_shadow : 0;
     p.cube_count = data.broadcast ? static_cast<int>(data.cubes.size()) : 0;
     p.sphere_count = data.broadcast ? static_cast<int>(data.spheres.size()) : 0;
     p.surface_count = data.surface_count;

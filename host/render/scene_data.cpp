@@ -75,9 +75,13 @@ float as_float_bits(uint32_t bits) { return std::bit_cast<float>(bits); }
 
 bool emits(const Shape& shape) { return shape.is_emitter && luminance(shape.radiance) > 0; }
 
+uint32_t object_of(const Scene& scene, const Shape& shape) {
+    if (shape.object >= 0) return static_cast<uint32_t>(shape.object);
+    return static_cast<uint32_t>(&shape - scene.shapes.data());
+}
+
 std::string name_of(const Scene& scene, const Shape& shape) {
-    const auto index = &shape - scene.shapes.data();
-    return "scene '" + scene.name + "': shape " + std::to_string(index) +
+    return "scene '" + scene.name + "': shape " + std::to_string(object_of(scene, shape)) +
            (shape.id.empty() ? "" : " '" + shape.id + "'");
 }
 
@@ -117,12 +121,12 @@ void add_features(const Scene& scene, SceneData& data, const RendererPaths& path
         set("PAVE_TREE_SHAPES", 1);
         return;
     }
-    const auto disks = static_cast<int>(data.flats.size()) - data.rect_count;
     set("PAVE_HAS_AXIS_RECTS", !data.axis_rects.empty());
     set("PAVE_FEW_SURFACES", data.surfaces.size() <= 32 * SURFACE_ROWS);
     set("PAVE_HAS_AXIS_CUBES", !data.axis_cubes.empty());
-    set("PAVE_HAS_RECTS", data.broadcast && data.rect_count > 0);
-    set("PAVE_HAS_DISKS", data.broadcast && disks > 0);
+    set("PAVE_HAS_RECTS", data.broadcast && data.flat_count[FLAT_RECT] > 0);
+    set("PAVE_HAS_DISKS", data.broadcast && data.flat_count[FLAT_DISK] > 0);
+    set("PAVE_HAS_FLAT_TRIANGLES", data.broadcast && data.flat_count[FLAT_TRIANGLE] > 0);
     set("PAVE_HAS_CUBES", data.broadcast && !data.cubes.empty());
     set("PAVE_HAS_SPHERES", data.broadcast && !data.spheres.empty());
     set("PAVE_HAS_TRIANGLES", !data.triangles.empty());
@@ -146,15 +150,18 @@ void add_features(const Scene& scene, SceneData& data, const RendererPaths& path
 }
 
 SceneData build_scene_data(const Scene& scene, const RendererPaths& paths) {
+    const auto most_shapes = static_cast<size_t>(std::max(paths.broadcast_shapes, 0));
     SceneData data;
     std::vector<LightSource> lights;
     add_materials(scene, data);
+    data.parts.resize(scene.shapes.size());
+    if (paths.recognise_shapes) recognise_shapes(scene, data, most_shapes);
     add_shapes(scene, data, lights);
     add_triangles(scene, data, lights);
     set_bounds(data);
     add_lights(scene, data, std::move(lights));
     const size_t shapes = data.flats.size() + data.cubes.size() + data.spheres.size();
-    data.broadcast = shapes <= static_cast<size_t>(std::max(paths.broadcast_shapes, 0));
+    data.broadcast = shapes <= most_shapes;
     if (data.broadcast) sort_occluders(scene, data, paths);
     data.repeat_shapes = data.broadcast && paths.specialise;
     if (data.repeat_shapes) split_axis_shapes(data);

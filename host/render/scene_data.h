@@ -27,14 +27,18 @@ struct Primitive {
 };
 
 struct SceneData {
-    std::vector<kernel::FlatShape> flats;  // rectangles, then disks
+    // By shape of the scene: the rectangles and boxes that are traced in a mesh's place; or none.
+    std::vector<std::vector<Shape>> parts;
+
+    std::vector<kernel::FlatShape> flats;  // rectangles, then disks, then triangles
+    // By kind; the first flat_shadow of a kind can stand between a surface and a light.
+    std::array<int, FLAT_KINDS> flat_count{}, flat_shadow{};
     // Across and along x, y, z: what has left `flats` and `cubes`; see host/render/axis_shapes.cpp.
     std::vector<kernel::AxisRect> axis_rects;
     std::vector<kernel::AxisCube> axis_cubes;
     std::array<int, 3> axis_rect_count{}, axis_shadow{}, axis_cube_count{};
     std::vector<kernel::CubeShape> cubes;
     std::vector<kernel::SphereShape> spheres;
-    int rect_count = 0, rect_shadow = 0, disk_shadow = 0;
     bool broadcast = true;  // shapes are tested in loops, not in the tree
     bool repeat_shapes =
         true;  // and stored once a lane; programs for any scene read them as plain floats
@@ -72,9 +76,16 @@ struct LightSource {
     double power = 0;
     int normals = -1;
 };
+/// Fills `parts`, unless the scene then has more than `most_shapes` analytic shapes. Corners move
+/// by rounding alone.
+void recognise_shapes(const Scene& scene, SceneData& data, size_t most_shapes);
 void add_materials(const Scene& scene, SceneData& data);
 void add_shapes(const Scene& scene, SceneData& data, std::vector<LightSource>& lights);
 void add_triangles(const Scene& scene, SceneData& data, std::vector<LightSource>& lights);
+LightSource light_of_triangle(const std::array<std::array<float, 3>, 3>& corners,
+                              const Rgb& radiance, int normals);
+/// Whether float32 kernels can normalise the triangle's normal.
+bool has_area(const std::array<std::array<float, 3>, 3>& corners);
 void add_lights(const Scene& scene, SceneData& data, std::vector<LightSource> lights);
 /// Puts the flat shapes that can stand between a surface and a light first.
 void sort_occluders(const Scene& scene, SceneData& data, const RendererPaths& paths);
@@ -90,6 +101,8 @@ double luminance(const Rgb& rgb);
 /// BITS of a surface or triangle of `shape`.
 uint32_t surface_bits(const Scene& scene, const Shape& shape, int kind, bool inverted);
 bool emits(const Shape& shape);
+/// The number that channel `object` shows.
+uint32_t object_of(const Scene& scene, const Shape& shape);
 /// "shape 3 'lamp'", for errors.
 std::string name_of(const Scene& scene, const Shape& shape);
 

@@ -69,8 +69,8 @@ class ShapeAdder {
         flat.n[3] = static_cast<float>(dot(normal, axes.origin));
         flat.limit = static_cast<float>(is_disk ? 1 + 2 * slack : 1 + slack);
         flat.surface = surface_count();
-        flat.is_disk = is_disk;
-        data_.flats.push_back(flat);
+        flat.kind = is_disk ? FLAT_DISK : FLAT_RECT;
+        push_flat(flat);
 
         LightSource light{.kind = is_disk ? LIGHT_DISK : LIGHT_QUAD,
                           .p = axes.origin,
@@ -85,6 +85,15 @@ class ShapeAdder {
         }
         add_surface(shape, is_disk ? SURFACE_DISK : SURFACE_FLAT, normal, flat.n[3],
                     is_disk ? axes.origin : axes.x, light);
+    }
+
+    /// All triangles of a small faceted mesh, each as a shape of its own.
+    void add_facets(const Shape& shape) {
+        for (const auto& vertices : shape.mesh.triangles) {
+            std::array<std::array<float, 3>, 3> corners;
+            for (size_t k = 0; k < 3; ++k) corners[k] = shape.mesh.positions[vertices[k]];
+            add_facet(shape, corners);
+        }
     }
 
     void add_cube(const Shape& shape) {
@@ -140,6 +149,34 @@ class ShapeAdder {
         return static_cast<uint32_t>(data_.surfaces.size() / SURFACE_ROWS);
     }
 
+    void push_flat(const kernel::FlatShape& flat) {
+        data_.flats.push_back(flat);
+        ++data_.flat_count[flat.kind];
+    }
+
+    void add_facet(const Shape& shape, const std::array<std::array<float, 3>, 3>& corners) {
+        const Double3 p = to_double3(corners[0]), x = to_double3(corners[1]) - p,
+                      y = to_double3(corners[2]) - p;
+        const Double3 normal = normalized(cross(x, y));
+        const Double3 across_u = cross(y, normal), across_v = cross(normal, x);
+        const Double3 u = across_u / dot(x, across_u), v = across_v / dot(y, across_v);
+        const double reach = max_abs(p) + max_abs(x) + max_abs(y);
+        kernel::FlatShape flat{};
+        set3(flat.u, u);
+        set3(flat.v, v);
+        set3(flat.n, normal);
+        flat.u[3] = static_cast<float>(-dot(u, p));
+        flat.v[3] = static_cast<float>(-dot(v, p));
+        flat.n[3] = static_cast<float>(dot(normal, p));
+        flat.limit =
+            static_cast<float>(8 * kFloatStep * (1 + reach * std::max(max_abs(u), max_abs(v))));
+        flat.surface = surface_count();
+        flat.kind = FLAT_TRIANGLE;
+        push_flat(flat);
+        add_surface(shape, SURFACE_FLAT, normal, flat.n[3], x,
+                    light_of_triangle(corners, shape.radiance, -1));
+    }
+
     void add_face(const Shape& shape, Double3 center, const Double3* axis, int a, int side,
                   Double3 outward) {
         // Mitsuba's cube is a mesh whose texture coordinates run along these axes.
@@ -159,7 +196,7 @@ class ShapeAdder {
 
     void add_surface(const Shape& shape, int kind, Double3 q, float q3, Double3 tangent,
                      LightSource light) {
-        const auto object = static_cast<uint32_t>(&shape - scene_.shapes.data());
+        const auto object = object_of(scene_, shape);
         const auto bsdf = static_cast<size_t>(shape.bsdf);
         const Row& material = data_.bsdfs[bsdf * BSDF_ROWS];
         const bool inverted = kind == SURFACE_SPHERE && shape.flip_normals;
@@ -189,14 +226,22 @@ class ShapeAdder {
 
 void add_shapes(const Scene& scene, SceneData& data, std::vector<LightSource>& lights) {
     ShapeAdder adder(scene, data, lights);
-    for (const Shape& shape : scene.shapes)
-        if (shape.type == Shape::Type::kRectangle) adder.add_flat(shape);
-    data.rect_count = static_cast<int>(data.flats.size());
-    for (const Shape& shape : scene.shapes) {
-        if (shape.type == Shape::Type::kDisk) adder.add_flat(shape);
-        if (shape.type == Shape::Type::kCube) adder.add_cube(shape);
-        if (shape.type == Shape::Type::kSphere) adder.add_sphere(shape);
+    std::vector<const Shape*> shapes;
+    for (size_t i = 0; i < scene.shapes.size(); ++i) {
+        if (data.parts[i].empty()) shapes.push_back(&scene.shapes[i]);
+        for (const Shape& part : data.parts[i])
+            if (part.type != Shape::Type::kMesh) shapes.push_back(&part);
     }
+    for (const Shape* shape : shapes)
+        if (shape->type == Shape::Type::kRectangle) adder.add_flat(*shape);
+    for (const Shape* shape : shapes) {
+        if (shape->type == Shape::Type::kDisk) adder.add_flat(*shape);
+        if (shape->type == Shape::Type::kCube) adder.add_cube(*shape);
+        if (shape->type == Shape::Type::kSphere) adder.add_sphere(*shape);
+    }
+    for (const auto& parts : data.parts)
+        for (const Shape& part : parts)
+            if (part.type == Shape::Type::kMesh) adder.add_facets(part);
 }
 
 // What follows reads the kernels' own floats, so that it holds for what they will intersect.
@@ -209,6 +254,7 @@ static std::array<Double3, 4> corners_of(const kernel::FlatShape& flat) {
     const double det = dot(u, cross(v, n));
     const Double3 x = cross(v, n) / det, y = cross(n, u) / det, z = cross(u, v) / det;
     const Double3 center = x * -flat.u[3] + y * -flat.v[3] + z * flat.n[3];
+    if (flat.kind == FLAT_TRIANGLE) return {center, center + x, center + y, center};
     return {center - x - y, center + x - y, center - x + y, center + x + y};
 }
 
@@ -304,7 +350,6 @@ static bool is_hull(const SceneData& data, const Scene& scene, const kernel::Fla
 }
 
 void sort_occluders(const Scene& scene, SceneData& data, const RendererPaths& paths) {
-    const auto begin = data.flats.begin(), rects_end = begin + data.rect_count;
     const bool one_light = data.lights.size() == LIGHT_ROWS;
     const auto can_block = [&](const kernel::FlatShape& flat) {
         if (!paths.cull_occluders || scene.has_environment) return true;
@@ -323,15 +368,17 @@ void sort_occluders(const Scene& scene, SceneData& data, const RendererPaths& pa
         return blocks[static_cast<size_t>(&flat - data.flats.data())];
     };
     std::vector<kernel::FlatShape> sorted;
-    const auto append = [&](auto from, auto to, bool blocking) {
-        for (auto it = from; it != to; ++it)
-            if (is_blocking(*it) == blocking) sorted.push_back(*it);
-        return static_cast<int>(sorted.size());
-    };
-    data.rect_shadow = append(begin, rects_end, true);
-    append(begin, rects_end, false);
-    data.disk_shadow = append(rects_end, data.flats.end(), true) - data.rect_count;
-    append(rects_end, data.flats.end(), false);
+    auto from = data.flats.begin();
+    for (size_t kind = 0; kind < FLAT_KINDS; ++kind) {
+        const auto to = from + data.flat_count[kind];
+        for (bool blocking : {true, false})
+            for (auto it = from; it != to; ++it)
+                if (is_blocking(*it) == blocking) {
+                    sorted.push_back(*it);
+                    data.flat_shadow[kind] += blocking;
+                }
+        from = to;
+    }
     data.flats = std::move(sorted);
 }
 

@@ -15,17 +15,21 @@ using Point = std::array<float, 3>;
 // Squared length of a face normal that float32 kernels can still normalise.
 constexpr double kLeastSquaredArea = 1e-36;
 
-bool has_area(const Point& a, const Point& b, const Point& c) {
-    const Double3 normal = cross(to_double3(b) - to_double3(a), to_double3(c) - to_double3(a));
-    return is_finite(normal) && dot(normal, normal) > kLeastSquaredArea &&
-           dot(normal, normal) < 1e36;
-}
-
 Row row_of(const Point& a, float a3, const Point& b, float b3) {
     return {a[0], a[1], a[2], a3, b[0], b[1], b[2], b3};
 }
 
-LightSource light_of(const std::array<Point, 3>& corners, const Rgb& radiance, int normals) {
+}  // namespace
+
+bool has_area(const std::array<Point, 3>& corners) {
+    const Double3 normal = cross(to_double3(corners[1]) - to_double3(corners[0]),
+                                 to_double3(corners[2]) - to_double3(corners[0]));
+    return is_finite(normal) && dot(normal, normal) > kLeastSquaredArea &&
+           dot(normal, normal) < 1e36;
+}
+
+LightSource light_of_triangle(const std::array<Point, 3>& corners, const Rgb& radiance,
+                              int normals) {
     const Double3 p = to_double3(corners[0]);
     LightSource light{.kind = LIGHT_TRIANGLE,
                       .p = p,
@@ -40,13 +44,12 @@ LightSource light_of(const std::array<Point, 3>& corners, const Rgb& radiance, i
     return light;
 }
 
-}  // namespace
-
 void add_triangles(const Scene& scene, SceneData& data, std::vector<LightSource>& lights) {
     for (const Shape& shape : scene.shapes) {
         if (shape.type != Shape::Type::kMesh) continue;
+        if (!data.parts[static_cast<size_t>(&shape - scene.shapes.data())].empty()) continue;
         const Mesh& mesh = shape.mesh;
-        const auto object = static_cast<uint32_t>(&shape - scene.shapes.data());
+        const auto object = object_of(scene, shape);
         const bool smooth = !mesh.normals.empty();
         if (smooth && mesh.normals.size() != mesh.positions.size())
             throw InputError(name_of(scene, shape) + ": " + std::to_string(mesh.normals.size()) +
@@ -59,7 +62,7 @@ void add_triangles(const Scene& scene, SceneData& data, std::vector<LightSource>
             if (shape.flip_normals) std::swap(vertex[1], vertex[2]);
             const std::array<Point, 3> corners{mesh.positions[vertex[0]], mesh.positions[vertex[1]],
                                                mesh.positions[vertex[2]]};
-            if (!has_area(corners[0], corners[1], corners[2])) {
+            if (!has_area(corners)) {
                 ++data.dropped_triangles;
                 continue;
             }
@@ -81,7 +84,7 @@ void add_triangles(const Scene& scene, SceneData& data, std::vector<LightSource>
                                             {as_float_bits(static_cast<uint32_t>(normals)), 0, 0},
                                             0));
             data.corners.push_back(corners);
-            if (emits(shape)) lights.push_back(light_of(corners, shape.radiance, normals));
+            if (emits(shape)) lights.push_back(light_of_triangle(corners, shape.radiance, normals));
         }
     }
 }

@@ -41,7 +41,8 @@ struct RendererPaths {
     int broadcast_shapes = 64;   // up to this many analytic shapes are tested one after the other;
                                  // more go into the tree
     bool cull_occluders = true;  // shapes on the scene's hull are left out of shadow tests
-    bool specialise = true;      // programs for this scene's features only, not for any scene
+    bool recognise_shapes = true;  // meshes made of rectangles and boxes are traced as such
+    bool specialise = true;        // programs for this scene's features only, not for any scene
 };
 
 /// Scene data on one device and the programs specialised for it. One render at a time per renderer;

@@ -54,6 +54,7 @@ struct Shape {
     int bsdf = 0;  // into Scene::bsdfs
     bool flip_normals =
         false;  // the normal points the other way; never set for meshes, whose data are turned
+    int object = -1;  // what channel `object` shows; -1: its place in Scene::shapes
     bool is_emitter = false;
     Rgb radiance{0, 0, 0};  // area emitter, from the side that the normal points to
     Mesh mesh;  // kMesh only, in world space, every triangle with an area; world_from_object is
