@@ -125,31 +125,8 @@ int segment_of(int spp, int lanes) {
     return lanes == 1 ? 1 : std::clamp(kPathsPerSegment / spp, kLeastSegment, kLargestSegment);
 }
 
-kernel::PathParams make_params(const SceneData& data, const Scene& scene, const View& view,
-                               const RenderOptions& options, const FrameSchema& schema, int lanes) {
-    kernel::PathParams p{};
-    for (int i = 0; i < CHANNEL_COUNT; ++i)
-        if (const int at = schema.find(kNames[i]); at >= 0)
-            p.channel_offset[i] = schema.channel_byte_offset(at) / sizeof(float);
-    p.plane = static_cast<uint64_t>(schema.width()) * static_cast<uint64_t>(schema.height());
-    set_camera(p, view, schema.width(), schema.height());
-    for (int c = 0; c < 3; ++c) {
-        p.environment[c] = scene.has_environment ? scene.environment[static_cast<size_t>(c)] : 0.0f;
-        p.tree_bound[c] = data.tree_bound[static_cast<size_t>(c)];
-    }
-    p.environment_pmf = data.environment_pmf;
-    p.offset_floor = data.offset_floor;
-    p.width = schema.width();
-    p.height = schema.height();
-    p.segment = segment_of(options.spp, lanes);
-    p.spp = options.spp;
-    p.max_depth = options.max_depth;
-    p.shade_depth = shade_depth(channels_of(schema), options.max_depth);
-    p.rr_depth = options.rr_depth;
-    p.seed_low = static_cast<uint32_t>(options.seed);
-    p.seed_high = static_cast<uint32_t>(options.seed >> 32);
-    p.frame = static_cast<uint32_t>(options.frame_index);
-
+void set_scene_params(kernel::PathParams& p, const SceneData& data, int lanes) {
+    for (size_t a = 0; a < 3; ++a) p.tree_bound[a] = data.tree_bound[a];
     const int disks = static_cast<int>(data.flats.size()) - data.rect_count;
     p.rect_count = data.broadcast ? data.rect_count : 0;
     p.rect_shadow = data.broadcast ? data.rect_shadow : 0;
@@ -169,6 +146,32 @@ kernel::PathParams make_params(const SceneData& data, const Scene& scene, const 
     p.bsdf_row = p.normals_row + rows_of(data.normals);
     p.light_row = p.bsdf_row + rows_of(data.bsdfs);
     p.leaf_row = rows_of(data.nodes);
+}
+
+kernel::PathParams make_params(const SceneData& data, const Scene& scene, const View& view,
+                               const RenderOptions& options, const FrameSchema& schema, int lanes) {
+    kernel::PathParams p{};
+    for (int i = 0; i < CHANNEL_COUNT; ++i)
+        if (const int at = schema.find(kNames[i]); at >= 0)
+            p.channel_offset[i] = schema.channel_byte_offset(at) / sizeof(float);
+    p.plane = static_cast<uint64_t>(schema.width()) * static_cast<uint64_t>(schema.height());
+    set_camera(p, view, schema.width(), schema.height());
+    for (int c = 0; c < 3; ++c)
+        p.environment[c] = scene.has_environment ? scene.environment[static_cast<size_t>(c)] : 0.0f;
+    p.environment_pmf = data.environment_pmf;
+    p.offset_floor = data.offset_floor;
+    p.width = schema.width();
+    p.height = schema.height();
+    p.segment = segment_of(options.spp, lanes);
+    p.spp = options.spp;
+    p.max_depth = options.max_depth;
+    p.shade_depth = shade_depth(channels_of(schema), options.max_depth);
+    p.rr_depth = options.rr_depth;
+    p.seed_low = static_cast<uint32_t>(options.seed);
+    p.seed_high = static_cast<uint32_t>(options.seed >> 32);
+    p.frame = static_cast<uint32_t>(options.frame_index);
+
+    set_scene_params(p, data, lanes);
     return p;
 }
 

@@ -22,6 +22,10 @@ bool is_rendered(std::string_view channel);
 /// follows from it.
 int segment_of(int spp, int lanes);
 
+/// Fills in what follows from the scene alone: counts of shapes and where the parts of the buffers
+/// begin.
+void set_scene_params(kernel::PathParams& p, const SceneData& data, int lanes);
+
 kernel::PathParams make_params(const SceneData& data, const Scene& scene, const View& view,
                                const RenderOptions& options, const FrameSchema& schema, int lanes);
 

@@ -26,6 +26,12 @@ struct Primitive {
     Aabb bounds;
 };
 
+/// Triangles from `first` on, up to the next run's, are those of `shape` from its `primitive` on:
+/// dropped ones end a run.
+struct TriangleRun {
+    uint32_t first = 0, shape = 0, primitive = 0;
+};
+
 struct SceneData {
     std::vector<kernel::FlatShape> flats;  // rectangles, then disks
     std::vector<kernel::CubeShape> cubes;
@@ -37,6 +43,7 @@ struct SceneData {
 
     std::vector<Row> surfaces, triangles, normals, bsdfs, lights;
     std::vector<std::array<std::array<float, 3>, 3>> corners;  // of the triangles, for the tree
+    std::vector<TriangleRun> triangle_runs;
     int surface_count = 0, light_count = 0;  // tables have one empty entry where the scene has none
     std::vector<uint32_t> light_cdf;
     float environment_pmf = 0;

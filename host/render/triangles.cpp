@@ -51,7 +51,9 @@ void add_triangles(const Scene& scene, SceneData& data, std::vector<LightSource>
         if (smooth && mesh.normals.size() != mesh.positions.size())
             throw InputError(name_of(scene, shape) + ": " + std::to_string(mesh.normals.size()) +
                              " normals for " + std::to_string(mesh.positions.size()) + " vertices");
-        for (std::array<uint32_t, 3> vertex : mesh.triangles) {
+        bool in_run = false;
+        for (size_t primitive = 0; primitive < mesh.triangles.size(); ++primitive) {
+            std::array<uint32_t, 3> vertex = mesh.triangles[primitive];
             for (uint32_t index : vertex)
                 if (index >= mesh.positions.size())
                     throw InputError(name_of(scene, shape) + ": vertex " + std::to_string(index) +
@@ -61,8 +63,13 @@ void add_triangles(const Scene& scene, SceneData& data, std::vector<LightSource>
                                                mesh.positions[vertex[2]]};
             if (!has_area(corners[0], corners[1], corners[2])) {
                 ++data.dropped_triangles;
+                in_run = false;
                 continue;
             }
+            if (!in_run)
+                data.triangle_runs.push_back({static_cast<uint32_t>(data.corners.size()), object,
+                                              static_cast<uint32_t>(primitive)});
+            in_run = true;
             int normals = -1;
             if (smooth) {
                 normals = static_cast<int>(data.normals.size() / NORMALS_ROWS);
