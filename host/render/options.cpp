@@ -8,6 +8,7 @@
 #include <numbers>
 #include <string>
 
+#include "host/device/impl.h"
 #include "pave/error.h"
 
 namespace pave {
@@ -145,7 +146,7 @@ void set_scene_params(kernel::PathParams& p, const SceneData& data, int lanes) {
     p.normals_row = p.triangle_row + rows_of(data.triangles);
     p.bsdf_row = p.normals_row + rows_of(data.normals);
     p.light_row = p.bsdf_row + rows_of(data.bsdfs);
-    p.leaf_row = rows_of(data.nodes);
+    p.leaf_row = static_cast<uint32_t>(data.leaf_row);
 }
 
 kernel::PathParams make_params(const SceneData& data, const Scene& scene, const View& view,
@@ -188,12 +189,6 @@ std::vector<Row> pack_shapes(const SceneData& data, int lanes) {
         for (float number : row) to = std::fill_n(to, lanes, number);
     return repeated;
 }
-std::vector<Row> pack_tree(const SceneData& data) {
-    std::vector<Row> rows;
-    append(rows, data.nodes);
-    append(rows, data.leaves);
-    return rows;
-}
 std::vector<Row> pack_tables(const SceneData& data) {
     std::vector<Row> rows;
     append(rows, data.surfaces);
@@ -202,6 +197,21 @@ std::vector<Row> pack_tables(const SceneData& data) {
     append(rows, data.bsdfs);
     append(rows, data.lights);
     return rows;
+}
+
+cl::Buffer make_tree_buffer(const Device& device, Block<Row>& rows) {
+    const size_t byte_size = rows.size() * sizeof(Row);
+    if (byte_size == 0 || device.impl().slot_access() != SlotAccess::kShared) {
+        cl::Buffer buffer = make_buffer_of(device, rows, "tree");
+        rows = {};
+        return buffer;
+    }
+    if (byte_size > device.profile().max_alloc_byte_size)  // throws, with both sizes
+        return make_buffer(device, byte_size, "tree");
+    return cl_guard("tree", [&] {
+        return cl::Buffer(context_of(device), CL_MEM_READ_ONLY | CL_MEM_USE_HOST_PTR, byte_size,
+                          rows.data());
+    });
 }
 
 }  // namespace pave

@@ -69,9 +69,10 @@ class RayTracer::Impl {
         : device_(device),
           lanes_(lanes_of(device, options)),
           segment_(segment_for(options, lanes_)) {
-        const SceneData data = build_scene_data(scene, paths_of(options));
+        SceneData data = build_scene_data(scene, paths_of(options), false);
         dropped_triangles_ = data.dropped_triangles;
-        tree_ = make_buffer_of(device_, pack_tree(data), "tree");
+        tree_rows_ = std::move(data.tree);
+        tree_ = make_tree_buffer(device_, tree_rows_);
         shapes_ = make_buffer_of(device_, pack_shapes(data, lanes_), "shapes");
         const std::vector<kernel::IdRun> runs = id_runs(data);
         run_count_ = static_cast<cl_int>(runs.size());
@@ -173,6 +174,7 @@ class RayTracer::Impl {
     Device device_;
     cl_int lanes_, segment_, run_count_ = 0;
     int dropped_triangles_ = 0;
+    Block<Row> tree_rows_;  // under tree_, or empty
     cl::Buffer tree_, shapes_, runs_, params_;
     cl::Kernel closest_, any_;
     cl::Event last_;
