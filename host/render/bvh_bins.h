@@ -90,9 +90,9 @@ struct Split {
     float cost = std::numeric_limits<float>::infinity();  // in units of the range's own area
 };
 
-/// Boxes and counts of up to 16 bins on each axis.
+/// Boxes and counts of up to kMost bins, a power of two, on each axis.
 struct Bins {
-    static constexpr int kMost = 16;
+    static constexpr int kMost = 32;
     std::array<std::array<Box, kMost>, 3> boxes;
     std::array<std::array<uint32_t, kMost>, 3> counts;
 

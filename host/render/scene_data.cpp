@@ -107,7 +107,8 @@ void add_features(const Scene& scene, SceneData& data, const RendererPaths& path
     const auto set = [&](const char* name, int value) {
         data.features.insert_or_assign(name, value);
     };
-    set("PAVE_STACK", std::max((data.stack + 15) / 16 * 16, 16));
+    // In coarse steps, so that most scenes share one program.
+    set("PAVE_STACK", std::max((data.stack + 63) / 64 * 64, 64));
     const bool shapes = !data.flats.empty() || !data.cubes.empty() || !data.spheres.empty();
     set("PAVE_TREE_SHAPES", !data.broadcast && shapes);
     set("PAVE_ONE_LIGHT", paths.specialise && data.lights.size() == LIGHT_ROWS);
