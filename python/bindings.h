@@ -30,5 +30,6 @@ void bind_frames(nb::module_& module);
 void bind_device(nb::module_& module);
 void bind_staging(nb::module_& module);
 void bind_rendering(nb::module_& module);
+void bind_rays(nb::module_& module);
 
 }  // namespace pave::python

@@ -111,4 +111,5 @@ NB_MODULE(_pave, module) {
     bind_device(module);
     bind_staging(module);
     bind_rendering(module);
+    bind_rays(module);
 }

@@ -1,197 +1,166 @@
-// Binned SAH to a binary tree (Wald 2007), collapsed to eight children by opening the largest
-// child first.
+// The 8-wide tree out of the binary one: which nodes become children follows from their plans.
 // SPDX-License-Identifier: BSD-3-Clause
 #include "host/render/bvh_build.h"
 
 #include <algorithm>
 #include <cmath>
-#include <numeric>
+#include <string>
 
+#include "host/render/bvh_binary.h"
 #include "pave/error.h"
 
 namespace pave {
 namespace {
 
-constexpr int kBins = 16;
-constexpr int kMaxSahDepth =
-    48;  // below it ranges are halved, so that the depth stays bounded for any input
+constexpr uint32_t kChunk = 1 << 14;      // boxes
+constexpr uint32_t kLeastPart = 1 << 12;  // primitives under a node that one thread writes
 
-struct BinaryNode {
-    Aabb bounds;
-    int left = -1, right = -1;  // -1: a leaf over order[first, first + count)
-    uint32_t first = 0, count = 0;
+Aabb aabb_of(const Box& box) {
+    return {{-box.minus_lower[0], -box.minus_lower[1], -box.minus_lower[2]},
+            {box.upper[0], box.upper[1], box.upper[2]}};
+}
+
+struct Children {
+    std::array<int32_t, 8> nodes;
+    size_t count = 0;
 };
 
-struct Split {
-    int axis = -1, bin = 0;
-    float cost = std::numeric_limits<float>::infinity();
-};
-
-class Builder {
+/// Writes the wide nodes, depth first: those near the root alone, then parts of the tree in
+/// parallel, each from the place that the sizes of the parts before give it.
+class Collapser {
    public:
-    Builder(std::span<const Aabb> boxes, const BvhBuildOptions& options)
-        : boxes_(boxes), options_(options), order_(boxes.size()), centers_(boxes.size()) {
-        std::iota(order_.begin(), order_.end(), 0u);
-        for (size_t i = 0; i < boxes.size(); ++i)
-            for (size_t axis = 0; axis < 3; ++axis)
-                centers_[i][axis] = 0.5f * boxes[i].lower[axis] + 0.5f * boxes[i].upper[axis];
-        nodes_.reserve(2 * boxes.size());
-    }
+    Collapser(const BinaryNode* binary, size_t primitives, Workers& workers, Bvh8& tree)
+        : binary_(binary),
+          part_size_(std::max(kLeastPart, static_cast<uint32_t>(primitives / 64))),
+          workers_(workers),
+          tree_(tree) {}
 
-    Bvh8 build() {
-        Bvh8 tree;
-        if (boxes_.empty()) {
-            tree.nodes.emplace_back();
-            return tree;
+    void write(int32_t root) {
+        // How much there is is not known before the parts are counted, so the top goes to vectors.
+        write_top(root, 1);
+        std::vector<Size> sizes(parts_.size());
+        workers_.run(parts_.size(), [&](size_t i) { sizes[i] = size_of(parts_[i].root); });
+        Size all{static_cast<uint32_t>(top_nodes_.size()),
+                 static_cast<uint32_t>(top_leaves_.size()), 0};
+        for (size_t i = 0; i < parts_.size(); ++i) {
+            parts_[i].place = {all.nodes, all.leaves, 0};
+            all.nodes += sizes[i].nodes;
+            all.leaves += sizes[i].leaves;
+            tree_.depth = std::max(tree_.depth, parts_[i].depth - 1 + sizes[i].depth);
+            top_nodes_[parts_[i].parent].children[parts_[i].slot] = parts_[i].place.nodes;
         }
-        const int root = build_range(0, static_cast<uint32_t>(boxes_.size()), 0);
-        tree.bounds = nodes_[static_cast<size_t>(root)].bounds;
-        collapse(root, tree, 1);
-        tree.order = std::move(order_);
-        return tree;
+        tree_.nodes = Block<Bvh8Node>(all.nodes);
+        tree_.leaves = Block<Bvh8Leaf>(all.leaves);
+        std::copy(top_nodes_.begin(), top_nodes_.end(), tree_.nodes.begin());
+        std::copy(top_leaves_.begin(), top_leaves_.end(), tree_.leaves.begin());
+        workers_.run(parts_.size(), [&](size_t i) { write_part(parts_[i].root, parts_[i].place); });
     }
 
    private:
-    float leaf_cost(uint32_t count) const {
-        const uint32_t packet = static_cast<uint32_t>(options_.packet);
-        return options_.leaf_cost * static_cast<float>((count + packet - 1) / packet);
-    }
+    struct Size {
+        uint32_t nodes = 0, leaves = 0;
+        int depth = 0;
+    };
+    struct Part {
+        int32_t root;
+        uint32_t parent;
+        size_t slot;
+        int depth;
+        Size place;
+    };
 
-    int bin_of(uint32_t primitive, size_t axis, const Aabb& centers, float scale) const {
-        const int bin = static_cast<int>((centers_[primitive][axis] - centers.lower[axis]) * scale);
-        return std::clamp(bin, 0, kBins - 1);
-    }
+    const BinaryNode& at(int32_t index) const { return binary_[index]; }
 
-    static float bin_scale(const Aabb& centers, size_t axis) {
-        const float extent = centers.upper[axis] - centers.lower[axis];
-        const float scale = static_cast<float>(kBins) * (1.0f - 1e-6f) / extent;
-        return std::isfinite(scale) ? scale : 0.0f;  // no extent, or one too small to divide by
-    }
-
-    Split best_split(uint32_t first, uint32_t count, const Aabb& bounds,
-                     const Aabb& centers) const {
-        Split best;
-        for (size_t axis = 0; axis < 3; ++axis) {
-            const float scale = bin_scale(centers, axis);
-            if (scale == 0.0f) continue;
-            std::array<Aabb, kBins> boxes;
-            std::array<uint32_t, kBins> counts{};
-            for (uint32_t i = first; i < first + count; ++i) {
-                const auto bin = static_cast<size_t>(bin_of(order_[i], axis, centers, scale));
-                boxes[bin].grow(boxes_[order_[i]]);
-                ++counts[bin];
-            }
-            std::array<float, kBins> right_cost{};
-            Aabb right;
-            uint32_t right_count = 0;
-            for (size_t bin = kBins - 1; bin > 0; --bin) {
-                right.grow(boxes[bin]);
-                right_count += counts[bin];
-                right_cost[bin] = right.half_area() * leaf_cost(right_count);
-            }
-            Aabb left;
-            uint32_t left_count = 0;
-            for (size_t bin = 0; bin + 1 < kBins; ++bin) {
-                left.grow(boxes[bin]);
-                left_count += counts[bin];
-                if (left_count == 0 || left_count == count) continue;
-                const float area = std::max(bounds.half_area(), std::numeric_limits<float>::min());
-                const float cost =
-                    (left.half_area() * leaf_cost(left_count) + right_cost[bin + 1]) / area;
-                if (cost < best.cost) best = {static_cast<int>(axis), static_cast<int>(bin), cost};
-            }
+    void gather(int32_t index, size_t most, Children& children) const {
+        const BinaryNode& node = at(index);
+        most = std::min<size_t>(most, 7);
+        while (most > 1 && node.cuts[most] == 0) --most;
+        if (most == 1) {
+            children.nodes[children.count++] = index;
+            return;
         }
-        return best;
+        gather(node.left, node.cuts[most], children);
+        gather(node.right, most - node.cuts[most], children);
     }
-
-    /// Where to cut order_[first, first + count): after this many primitives; 0 makes a leaf.
-    uint32_t partition(uint32_t first, uint32_t count, const Aabb& bounds, int depth) {
-        if (count <= 1) return 0;
-        Aabb centers;
-        for (uint32_t i = first; i < first + count; ++i) centers.grow_to(centers_[order_[i]]);
-        const Split split =
-            depth < kMaxSahDepth ? best_split(first, count, bounds, centers) : Split{};
-        const bool fits = count <= static_cast<uint32_t>(options_.max_leaf);
-        // Eight boxes are tested at once, so a binary step costs an eighth of a node's test.
-        if (fits && (split.axis < 0 || leaf_cost(count) <= 0.125f + split.cost)) return 0;
-        if (split.axis < 0) return count / 2;
-        const auto axis = static_cast<size_t>(split.axis);
-        const float scale = bin_scale(centers, axis);
-        const auto begin = order_.begin() + first;
-        const auto middle = std::stable_partition(begin, begin + count, [&](uint32_t primitive) {
-            return bin_of(primitive, axis, centers, scale) <= split.bin;
-        });
-        return static_cast<uint32_t>(middle - begin);
-    }
-
-    int build_range(uint32_t first, uint32_t count, int depth) {
-        Aabb bounds;
-        for (uint32_t i = first; i < first + count; ++i) bounds.grow(boxes_[order_[i]]);
-        const uint32_t left_count = partition(first, count, bounds, depth);
-        const int index = static_cast<int>(nodes_.size());
-        nodes_.push_back({bounds, -1, -1, first, count});
-        if (left_count > 0) {
-            const int left = build_range(first, left_count, depth + 1);
-            const int right = build_range(first + left_count, count - left_count, depth + 1);
-            nodes_[static_cast<size_t>(index)].left = left;
-            nodes_[static_cast<size_t>(index)].right = right;
+    Children children_of(int32_t index) const {
+        const BinaryNode& node = at(index);
+        Children children;
+        if (node.is_leaf) {  // the root alone can be one
+            children.nodes[children.count++] = index;
+            return children;
         }
-        return index;
-    }
-
-    bool is_leaf(int index) const { return nodes_[static_cast<size_t>(index)].left < 0; }
-
-    /// Up to eight descendants that stand for `index`: the inner one with the largest surface is
-    /// opened first.
-    std::vector<int> eight_children(int index) const {
-        std::vector<int> children{index};
-        while (children.size() < 8) {
-            int largest = -1;
-            float area = -1.0f;
-            for (size_t i = 0; i < children.size(); ++i) {
-                const BinaryNode& node = nodes_[static_cast<size_t>(children[i])];
-                if (!is_leaf(children[i]) && node.bounds.half_area() > area) {
-                    largest = static_cast<int>(i);
-                    area = node.bounds.half_area();
-                }
-            }
-            if (largest < 0) break;
-            const BinaryNode& node =
-                nodes_[static_cast<size_t>(children[static_cast<size_t>(largest)])];
-            children[static_cast<size_t>(largest)] = node.left;
-            children.push_back(node.right);
-        }
+        gather(node.left, node.cuts[8], children);
+        gather(node.right, 8u - node.cuts[8], children);
         return children;
     }
 
-    uint32_t collapse(int index, Bvh8& tree, int depth) const {
-        tree.depth = std::max(tree.depth, depth);
-        const auto node = static_cast<uint32_t>(tree.nodes.size());
-        tree.nodes.emplace_back();
-        const std::vector<int> children = eight_children(index);
-        for (size_t slot = 0; slot < children.size(); ++slot) {
-            const BinaryNode& child = nodes_[static_cast<size_t>(children[slot])];
-            uint32_t target;
-            if (is_leaf(children[slot])) {
-                target = static_cast<uint32_t>(tree.leaves.size());
-                tree.leaves.push_back({child.first, child.count});
-            } else {
-                target = collapse(children[slot], tree, depth + 1);
-            }
-            Bvh8Node& out = tree.nodes[node];
-            out.bounds[slot] = child.bounds;
-            out.kinds[slot] =
-                is_leaf(children[slot]) ? Bvh8Node::Kind::kLeaf : Bvh8Node::Kind::kInner;
-            out.children[slot] = target;
-        }
-        return node;
+    static void set_child(Bvh8Node& to, size_t slot, const BinaryNode& child, uint32_t target) {
+        to.bounds[slot] = aabb_of(child.bounds);
+        to.kinds[slot] = child.is_leaf ? Bvh8Node::Kind::kLeaf : Bvh8Node::Kind::kInner;
+        to.children[slot] = target;
     }
 
-    std::span<const Aabb> boxes_;
-    BvhBuildOptions options_;
-    std::vector<uint32_t> order_;
-    std::vector<std::array<float, 3>> centers_;
-    std::vector<BinaryNode> nodes_;
+    uint32_t write_top(int32_t index, int depth) {
+        tree_.depth = std::max(tree_.depth, depth);
+        const auto number = static_cast<uint32_t>(top_nodes_.size());
+        top_nodes_.emplace_back();
+        const Children children = children_of(index);
+        for (size_t slot = 0; slot < children.count; ++slot) {
+            const BinaryNode& child = at(children.nodes[slot]);
+            uint32_t target = 0;
+            if (child.is_leaf) {
+                target = static_cast<uint32_t>(top_leaves_.size());
+                top_leaves_.push_back({child.first, child.count});
+            } else if (child.count <= part_size_) {
+                parts_.push_back({children.nodes[slot], number, slot, depth + 1, {}});
+            } else {
+                target = write_top(children.nodes[slot], depth + 1);
+            }
+            set_child(top_nodes_[number], slot, child, target);
+        }
+        return number;
+    }
+
+    Size size_of(int32_t index) const {
+        Size size{1, 0, 1};
+        const Children children = children_of(index);
+        for (size_t slot = 0; slot < children.count; ++slot) {
+            if (at(children.nodes[slot]).is_leaf) {
+                ++size.leaves;
+                continue;
+            }
+            const Size below = size_of(children.nodes[slot]);
+            size.nodes += below.nodes;
+            size.leaves += below.leaves;
+            size.depth = std::max(size.depth, 1 + below.depth);
+        }
+        return size;
+    }
+
+    uint32_t write_part(int32_t index, Size& place) {
+        const uint32_t number = place.nodes++;
+        Bvh8Node node{};
+        const Children children = children_of(index);
+        for (size_t slot = 0; slot < children.count; ++slot) {
+            const BinaryNode& child = at(children.nodes[slot]);
+            uint32_t target = place.leaves;
+            if (child.is_leaf)
+                tree_.leaves[place.leaves++] = {child.first, child.count};
+            else
+                target = write_part(children.nodes[slot], place);
+            set_child(node, slot, child, target);
+        }
+        tree_.nodes[number] = node;
+        return number;
+    }
+
+    const BinaryNode* binary_;
+    uint32_t part_size_;
+    Workers& workers_;
+    Bvh8& tree_;
+    std::vector<Bvh8Node> top_nodes_;
+    std::vector<Bvh8Leaf> top_leaves_;
+    std::vector<Part> parts_;
 };
 
 }  // namespace
@@ -216,15 +185,41 @@ float Aabb::half_area() const {
     return x * y + y * z + z * x;
 }
 
-Bvh8 build_bvh8(std::span<const Aabb> boxes, const BvhBuildOptions& options) {
+Bvh8 build_bvh8(Block<Box> primitives, Workers& workers, const BvhBuildOptions& options) {
     if (options.max_leaf < 1 || options.max_leaf > 64 || options.packet < 1)
         throw InternalError("BVH leaf size " + std::to_string(options.max_leaf));
-    for (const Aabb& box : boxes)
-        for (size_t axis = 0; axis < 3; ++axis)
-            if (!(box.lower[axis] <= box.upper[axis]) || !std::isfinite(box.lower[axis]) ||
-                !std::isfinite(box.upper[axis]))
-                throw InternalError("BVH over an empty or non-finite box");
-    return Builder(boxes, options).build();
+    Bvh8 tree;
+    if (primitives.empty()) {
+        tree.nodes = Block<Bvh8Node>(1);
+        tree.nodes[0] = {};
+        return tree;
+    }
+    const size_t count = primitives.size();
+    if (count > kMaxPrimitives)
+        throw InputError(std::to_string(count) + " triangles and shapes, at most " +
+                         std::to_string(kMaxPrimitives));
+    tree.order = Block<uint32_t>(count);
+    BinaryBuilder builder(std::move(primitives), options, workers, tree.order);
+    const int32_t root = builder.build();
+    tree.bounds = aabb_of(builder.nodes()[root].bounds);
+    Collapser(builder.nodes(), count, workers, tree).write(root);
+    return tree;
+}
+
+Bvh8 build_bvh8(std::span<const Aabb> boxes, const BvhBuildOptions& options) {
+    Workers workers(options.threads);
+    Block<Box> primitives(boxes.size());
+    run_chunks(workers, boxes.size(), kChunk, [&](size_t, size_t first, size_t last) {
+        for (size_t i = first; i < last; ++i) {
+            const Aabb& box = boxes[i];
+            for (size_t axis = 0; axis < 3; ++axis)
+                if (!(box.lower[axis] <= box.upper[axis]) || !std::isfinite(box.lower[axis]) ||
+                    !std::isfinite(box.upper[axis]))
+                    throw InternalError("BVH over an empty or non-finite box");
+            primitives[i] = primitive_box(box, static_cast<uint32_t>(i));
+        }
+    });
+    return build_bvh8(std::move(primitives), workers, options);
 }
 
 }  // namespace pave

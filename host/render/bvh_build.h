@@ -1,4 +1,4 @@
-// Builds an 8-wide bounding volume hierarchy over any primitives by binned SAH; knows only their
+// Builds an 8-wide bounding volume hierarchy over any primitives over all cores; knows only their
 // boxes.
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
@@ -7,7 +7,10 @@
 #include <cstdint>
 #include <limits>
 #include <span>
-#include <vector>
+
+#include "host/render/block.h"
+#include "host/render/bvh_bins.h"
+#include "host/render/workers.h"
 
 namespace pave {
 
@@ -40,9 +43,9 @@ struct Bvh8Leaf {
 
 /// Node 0 is the root; it exists even for no primitives (then it has no children).
 struct Bvh8 {
-    std::vector<Bvh8Node> nodes;
-    std::vector<Bvh8Leaf> leaves;
-    std::vector<uint32_t>
+    Block<Bvh8Node> nodes;
+    Block<Bvh8Leaf> leaves;
+    Block<uint32_t>
         order;  // primitive indices; every leaf is a run of it, every primitive is in one leaf
     Aabb bounds;
     int depth = 0;  // inner nodes on the longest way down
@@ -52,9 +55,23 @@ struct BvhBuildOptions {
     int max_leaf = 8;        // primitives a leaf, 1..64; a leaf of n costs ceil(n / packet)
     int packet = 8;          // primitives that are tested together
     float leaf_cost = 1.0f;  // one packet test against one test of eight boxes
+    int threads = 0;         // 0: all cores; no number changes the tree
 };
 
-/// `boxes` must be finite and not empty. Deterministic.
+inline constexpr size_t kMaxPrimitives = size_t{1} << 28;
+
+/// `box`, which is finite and not empty, as the builder takes it.
+inline Box primitive_box(const Aabb& box, uint32_t index) {
+    Box primitive{{-box.lower[0], -box.lower[1], -box.lower[2], 0},
+                  {box.upper[0], box.upper[1], box.upper[2], 0}};
+    set_index(primitive, index);
+    return primitive;
+}
+
+/// Deterministic, whatever the number of threads. Blocks. Throws InternalError for a box that is
+/// empty or not finite.
 Bvh8 build_bvh8(std::span<const Aabb> boxes, const BvhBuildOptions& options = {});
+/// The same over boxes that the caller has checked, on the caller's workers.
+Bvh8 build_bvh8(Block<Box> primitives, Workers& workers, const BvhBuildOptions& options = {});
 
 }  // namespace pave

@@ -8,6 +8,7 @@
 #include <numbers>
 #include <string>
 
+#include "host/device/impl.h"
 #include "host/render/sobol.h"
 #include "pave/error.h"
 
@@ -128,31 +129,8 @@ int segment_of(int spp, int lanes) {
     return lanes == 1 ? 1 : std::clamp(kPathsPerSegment / spp, kLeastSegment, kLargestSegment);
 }
 
-kernel::PathParams make_params(const SceneData& data, const Scene& scene, const View& view,
-                               const RenderOptions& options, const FrameSchema& schema, int lanes) {
-    kernel::PathParams p{};
-    for (int i = 0; i < CHANNEL_COUNT; ++i)
-        if (const int at = schema.find(kNames[i]); at >= 0)
-            p.channel_offset[i] = schema.channel_byte_offset(at) / sizeof(float);
-    p.plane = static_cast<uint64_t>(schema.width()) * static_cast<uint64_t>(schema.height());
-    set_camera(p, view, schema.width(), schema.height());
-    for (int c = 0; c < 3; ++c) {
-        p.environment[c] = scene.has_environment ? scene.environment[static_cast<size_t>(c)] : 0.0f;
-        p.tree_bound[c] = data.tree_bound[static_cast<size_t>(c)];
-    }
-    p.environment_pmf = data.environment_pmf;
-    p.offset_floor = data.offset_floor;
-    p.width = schema.width();
-    p.height = schema.height();
-    p.segment = segment_of(options.spp, lanes);
-    p.spp = options.spp;
-    p.max_depth = options.max_depth;
-    p.shade_depth = shade_depth(channels_of(schema), options.max_depth);
-    p.rr_depth = options.rr_depth;
-    p.seed_low = static_cast<uint32_t>(options.seed);
-    p.seed_high = static_cast<uint32_t>(options.seed >> 32);
-    p.frame = static_cast<uint32_t>(options.frame_index);
-
+void set_scene_params(kernel::PathParams& p, const SceneData& data, int lanes) {
+    for (size_t a = 0; a < 3; ++a) p.tree_bound[a] = data.tree_bound[a];
     for (size_t kind = 0; kind < FLAT_KINDS; ++kind) {
         p.flat_count[kind] = data.broadcast ? data.flat_count[kind] : 0;
         p.flat_shadow[kind] = data.broadcast ? data.flat_shadow[kind] : 0;
@@ -178,7 +156,33 @@ kernel::PathParams make_params(const SceneData& data, const Scene& scene, const 
     p.bsdf_row = p.normals_row + rows_of(data.normals);
     p.light_row = p.bsdf_row + rows_of(data.bsdfs);
     p.sobol_row = p.light_row + rows_of(data.lights);
-    p.leaf_row = rows_of(data.nodes);
+    p.leaf_row = static_cast<uint32_t>(data.leaf_row);
+}
+
+kernel::PathParams make_params(const SceneData& data, const Scene& scene, const View& view,
+                               const RenderOptions& options, const FrameSchema& schema, int lanes) {
+    kernel::PathParams p{};
+    for (int i = 0; i < CHANNEL_COUNT; ++i)
+        if (const int at = schema.find(kNames[i]); at >= 0)
+            p.channel_offset[i] = schema.channel_byte_offset(at) / sizeof(float);
+    p.plane = static_cast<uint64_t>(schema.width()) * static_cast<uint64_t>(schema.height());
+    set_camera(p, view, schema.width(), schema.height());
+    for (int c = 0; c < 3; ++c)
+        p.environment[c] = scene.has_environment ? scene.environment[static_cast<size_t>(c)] : 0.0f;
+    p.environment_pmf = data.environment_pmf;
+    p.offset_floor = data.offset_floor;
+    p.width = schema.width();
+    p.height = schema.height();
+    p.segment = segment_of(options.spp, lanes);
+    p.spp = options.spp;
+    p.max_depth = options.max_depth;
+    p.shade_depth = shade_depth(channels_of(schema), options.max_depth);
+    p.rr_depth = options.rr_depth;
+    p.seed_low = static_cast<uint32_t>(options.seed);
+    p.seed_high = static_cast<uint32_t>(options.seed >> 32);
+    p.frame = static_cast<uint32_t>(options.frame_index);
+
+    set_scene_params(p, data, lanes);
     return p;
 }
 
@@ -197,12 +201,6 @@ std::vector<Row> pack_shapes(const SceneData& data, int lanes) {
         for (float number : row) to = std::fill_n(to, lanes, number);
     return repeated;
 }
-std::vector<Row> pack_tree(const SceneData& data) {
-    std::vector<Row> rows;
-    append(rows, data.nodes);
-    append(rows, data.leaves);
-    return rows;
-}
 std::vector<Row> pack_tables(const SceneData& data) {
     std::vector<Row> rows;
     append(rows, data.surfaces);
@@ -212,6 +210,21 @@ std::vector<Row> pack_tables(const SceneData& data) {
     append(rows, data.lights);
     append(rows, sobol_rows());
     return rows;
+}
+
+cl::Buffer make_tree_buffer(const Device& device, Block<Row>& rows) {
+    const size_t byte_size = rows.size() * sizeof(Row);
+    if (byte_size == 0 || device.impl().slot_access() != SlotAccess::kShared) {
+        cl::Buffer buffer = make_buffer_of(device, rows, "tree");
+        rows = {};
+        return buffer;
+    }
+    if (byte_size > device.profile().max_alloc_byte_size)  // throws, with both sizes
+        return make_buffer(device, byte_size, "tree");
+    return cl_guard("tree", [&] {
+        return cl::Buffer(context_of(device), CL_MEM_READ_ONLY | CL_MEM_USE_HOST_PTR, byte_size,
+                          rows.data());
+    });
 }
 
 }  // namespace pave

@@ -22,13 +22,20 @@ bool is_rendered(std::string_view channel);
 /// follows from it.
 int segment_of(int spp, int lanes);
 
+/// Fills in what follows from the scene alone: counts of shapes and where the parts of the buffers
+/// begin.
+void set_scene_params(kernel::PathParams& p, const SceneData& data, int lanes);
+
 kernel::PathParams make_params(const SceneData& data, const Scene& scene, const View& view,
                                const RenderOptions& options, const FrameSchema& schema, int lanes);
 
-/// Where the parts of the buffers `shapes`, `tree` and `tables` begin is in the params; these are
+/// Where the parts of the buffers `shapes` and `tables` begin is in the params; these are
 /// their contents. Broadcast shapes have every number once a lane.
 std::vector<Row> pack_shapes(const SceneData& data, int lanes);
-std::vector<Row> pack_tree(const SceneData& data);
 std::vector<Row> pack_tables(const SceneData& data);
+
+/// A buffer of the tree. On devices that share the host's memory it lies over `rows`, which must
+/// live as long as it does; on others it is a copy, and `rows` is emptied.
+cl::Buffer make_tree_buffer(const Device& device, Block<Row>& rows);
 
 }  // namespace pave

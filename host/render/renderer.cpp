@@ -45,7 +45,7 @@ class Renderer::Impl {
    public:
     Impl(const Device& device, const Scene& scene, const RendererPaths& paths)
         : device_(device), scene_(scene), data_(build_scene_data(scene, paths)) {
-        tree_ = make_buffer_of(device_, pack_tree(data_), "tree");
+        tree_ = make_tree_buffer(device_, data_.tree);
         tables_ = make_buffer_of(device_, pack_tables(data_), "tables");
         light_cdf_ = make_buffer_of(device_, data_.light_cdf, "lights");
         dropped_ = make_buffer_of(device_, std::array<uint32_t, 1>{0}, "count of dropped samples");

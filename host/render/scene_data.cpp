@@ -54,14 +54,12 @@ bool has_light(const SceneData& data, int kind) {
     return false;
 }
 
-/// Bounds of all shapes, and how far rays start off them at least: a thousandth of what the largest
-/// coordinate would ask for.
+/// Bounds of all shapes (those of the triangles are in already), and how far rays start off them at
+/// least: a thousandth of what the largest coordinate would ask for.
 void set_bounds(SceneData& data) {
     for (const auto& shape : data.flats) data.bounds.grow(bounds_of(shape));
     for (const auto& shape : data.cubes) data.bounds.grow(bounds_of(shape));
     for (const auto& shape : data.spheres) data.bounds.grow(bounds_of(shape));
-    for (const auto& triangle : data.corners)
-        for (const auto& corner : triangle) data.bounds.grow_to(corner);
     if (data.bounds.empty()) return;
     double extent = 0;
     for (size_t a = 0; a < 3; ++a)
@@ -113,7 +111,8 @@ void add_features(const Scene& scene, SceneData& data, const RendererPaths& path
     const auto set = [&](const char* name, int value) {
         data.features.insert_or_assign(name, value);
     };
-    set("PAVE_STACK", std::max((data.stack + 15) / 16 * 16, 16));
+    // In coarse steps, so that most scenes share one program.
+    set("PAVE_STACK", std::max((data.stack + 63) / 64 * 64, 64));
     const bool shapes = !data.flats.empty() || !data.cubes.empty() || !data.spheres.empty();
     set("PAVE_TREE_SHAPES", !data.broadcast && shapes);
     set("PAVE_ONE_LIGHT", paths.specialise && data.lights.size() == LIGHT_ROWS);
@@ -129,7 +128,7 @@ void add_features(const Scene& scene, SceneData& data, const RendererPaths& path
     set("PAVE_HAS_FLAT_TRIANGLES", data.broadcast && data.flat_count[FLAT_TRIANGLE] > 0);
     set("PAVE_HAS_CUBES", data.broadcast && !data.cubes.empty());
     set("PAVE_HAS_SPHERES", data.broadcast && !data.spheres.empty());
-    set("PAVE_HAS_TRIANGLES", !data.triangles.empty());
+    set("PAVE_HAS_TRIANGLES", !data.corners.empty());
     set("PAVE_HAS_SMOOTH", !data.normals.empty());
     set("PAVE_HAS_CONDUCTOR", has_bsdf(scene, Bsdf::Type::kConductor));
     set("PAVE_HAS_ROUGH", has_bsdf(scene, Bsdf::Type::kRoughConductor));
@@ -149,15 +148,16 @@ void add_features(const Scene& scene, SceneData& data, const RendererPaths& path
     set("PAVE_HAS_POINT_LIGHT", has_light(data, LIGHT_POINT));
 }
 
-SceneData build_scene_data(const Scene& scene, const RendererPaths& paths) {
+SceneData build_scene_data(const Scene& scene, const RendererPaths& paths, bool tables) {
     const auto most_shapes = static_cast<size_t>(std::max(paths.broadcast_shapes, 0));
     SceneData data;
+    Workers workers;
     std::vector<LightSource> lights;
     add_materials(scene, data);
     data.parts.resize(scene.shapes.size());
     if (paths.recognise_shapes) recognise_shapes(scene, data, most_shapes);
     add_shapes(scene, data, lights);
-    add_triangles(scene, data, lights);
+    add_triangles(scene, data, lights, tables, workers);
     set_bounds(data);
     add_lights(scene, data, std::move(lights));
     const size_t shapes = data.flats.size() + data.cubes.size() + data.spheres.size();
@@ -165,7 +165,7 @@ SceneData build_scene_data(const Scene& scene, const RendererPaths& paths) {
     if (data.broadcast) sort_occluders(scene, data, paths);
     data.repeat_shapes = data.broadcast && paths.specialise;
     if (data.repeat_shapes) split_axis_shapes(data);
-    add_tree(data);
+    add_tree(data, workers);
     add_features(scene, data, paths);
     data.surface_count = static_cast<int>(data.surfaces.size() / SURFACE_ROWS);
     data.light_count = static_cast<int>(data.lights.size() / LIGHT_ROWS);

@@ -7,8 +7,10 @@
 #include <vector>
 
 #include "host/device/cl.h"
+#include "host/render/block.h"
 #include "host/render/bvh_build.h"
 #include "host/render/double3.h"
+#include "host/render/workers.h"
 #include "kernels/render_types.h"
 #include "pave/render.h"
 
@@ -18,12 +20,12 @@ namespace pave {
 using Row = std::array<float, 8>;
 float as_float_bits(uint32_t bits);
 
-/// What the tree and the shadow tests know of a primitive.
-struct Primitive {
-    enum class Kind { kTriangle, kFlat, kCube, kSphere };
-    Kind kind = Kind::kTriangle;
-    uint32_t index = 0;  // of its own kind
-    Aabb bounds;
+using Corners = std::array<std::array<float, 3>, 3>;
+
+/// Triangles from `first` on, up to the next run's, are those of `shape` from its `primitive` on:
+/// dropped ones end a run.
+struct TriangleRun {
+    uint32_t first = 0, shape = 0, primitive = 0;
 };
 
 struct SceneData {
@@ -44,13 +46,15 @@ struct SceneData {
         true;  // and stored once a lane; programs for any scene read them as plain floats
 
     std::vector<Row> surfaces, triangles, normals, bsdfs, lights;
-    std::vector<std::array<std::array<float, 3>, 3>> corners;  // of the triangles, for the tree
+    Block<Corners> corners;  // of the triangles, for the tree
+    std::vector<TriangleRun> triangle_runs;
     int surface_count = 0, light_count = 0;  // tables have one empty entry where the scene has none
     std::vector<uint32_t> light_cdf;
     float environment_pmf = 0;
 
-    std::vector<Row> nodes, leaves;
-    int stack = 0;  // entries that walking the tree needs at most
+    Block<Row> tree;      // nodes, then leaves
+    size_t leaf_row = 0;  // where the leaves begin
+    int stack = 0;        // entries that walking the tree needs at most
     std::array<float, 3> tree_bound{};
 
     Aabb bounds;
@@ -61,8 +65,9 @@ struct SceneData {
 
 /// Throws InputError, naming the shape, for what can not be rendered: a singular transform, a
 /// sphere scaled unevenly, an index out of range. Triangles without an area or with NaN are dropped
-/// and counted.
-SceneData build_scene_data(const Scene& scene, const RendererPaths& paths);
+/// and counted. Without `tables` the triangles have no shading rows and no lights: enough for ray
+/// queries. Works on all cores; the result does not depend on their number.
+SceneData build_scene_data(const Scene& scene, const RendererPaths& paths, bool tables = true);
 
 // ---- Steps of build_scene_data, each in its own file ----
 
@@ -81,17 +86,17 @@ struct LightSource {
 void recognise_shapes(const Scene& scene, SceneData& data, size_t most_shapes);
 void add_materials(const Scene& scene, SceneData& data);
 void add_shapes(const Scene& scene, SceneData& data, std::vector<LightSource>& lights);
-void add_triangles(const Scene& scene, SceneData& data, std::vector<LightSource>& lights);
-LightSource light_of_triangle(const std::array<std::array<float, 3>, 3>& corners,
-                              const Rgb& radiance, int normals);
+void add_triangles(const Scene& scene, SceneData& data, std::vector<LightSource>& lights,
+                   bool tables, Workers& workers);
+LightSource light_of_triangle(const Corners& corners, const Rgb& radiance, int normals);
 /// Whether float32 kernels can normalise the triangle's normal.
-bool has_area(const std::array<std::array<float, 3>, 3>& corners);
+bool has_area(const Corners& corners);
 void add_lights(const Scene& scene, SceneData& data, std::vector<LightSource> lights);
 /// Puts the flat shapes that can stand between a surface and a light first.
 void sort_occluders(const Scene& scene, SceneData& data, const RendererPaths& paths);
 /// Moves the rectangles and cubes with edges along the coordinate axes to lists of their own.
 void split_axis_shapes(SceneData& data);
-void add_tree(SceneData& data);
+void add_tree(SceneData& data, Workers& workers);
 void add_features(const Scene& scene, SceneData& data, const RendererPaths& paths);
 
 Aabb bounds_of(const kernel::FlatShape& flat);

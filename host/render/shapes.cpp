@@ -90,7 +90,7 @@ class ShapeAdder {
     /// All triangles of a small faceted mesh, each as a shape of its own.
     void add_facets(const Shape& shape) {
         for (const auto& vertices : shape.mesh.triangles) {
-            std::array<std::array<float, 3>, 3> corners;
+            Corners corners;
             for (size_t k = 0; k < 3; ++k) corners[k] = shape.mesh.positions[vertices[k]];
             add_facet(shape, corners);
         }
@@ -154,7 +154,7 @@ class ShapeAdder {
         ++data_.flat_count[flat.kind];
     }
 
-    void add_facet(const Shape& shape, const std::array<std::array<float, 3>, 3>& corners) {
+    void add_facet(const Shape& shape, const Corners& corners) {
         const Double3 p = to_double3(corners[0]), x = to_double3(corners[1]) - p,
                       y = to_double3(corners[2]) - p;
         const Double3 normal = normalized(cross(x, y));

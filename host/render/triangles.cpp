@@ -1,6 +1,7 @@
 // Triangles of all meshes: corners, shading data, emitting triangles; the degenerate ones are
 // dropped.
 // SPDX-License-Identifier: BSD-3-Clause
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -12,6 +13,8 @@ namespace {
 
 using Point = std::array<float, 3>;
 
+constexpr size_t kChunk = 1 << 14;  // triangles that a thread takes
+
 // Squared length of a face normal that float32 kernels can still normalise.
 constexpr double kLeastSquaredArea = 1e-36;
 
@@ -19,17 +22,157 @@ Row row_of(const Point& a, float a3, const Point& b, float b3) {
     return {a[0], a[1], a[2], a3, b[0], b[1], b[2], b3};
 }
 
+/// One mesh's triangles, those that have an area, chunk by chunk over all cores.
+class MeshReader {
+   public:
+    MeshReader(const Scene& scene, const Shape& shape, SceneData& data, size_t first,
+               Workers& workers)
+        : scene_(scene),
+          shape_(shape),
+          mesh_(shape.mesh),
+          data_(data),
+          first_(first),
+          workers_(workers),
+          chunks_((mesh_.triangles.size() + kChunk - 1) / kChunk) {}
+
+    /// Appends corners and runs; returns how many triangles were kept.
+    size_t read() {
+        run_chunks(workers_, mesh_.triangles.size(), kChunk,
+                   [&](size_t piece, size_t begin, size_t end) { read_chunk(piece, begin, end); });
+        size_t kept = 0;
+        for (size_t i = 0; i < chunks_.size(); ++i) {
+            const Chunk& chunk = chunks_[i];
+            Corners* const from = data_.corners.data() + first_ + i * kChunk;
+            if (kept != i * kChunk)
+                std::copy(from, from + chunk.kept, data_.corners.data() + first_ + kept);
+            append_runs(chunk, first_ + kept);
+            data_.bounds.grow(chunk.bounds);
+            kept += chunk.kept;
+        }
+        data_.dropped_triangles += static_cast<int>(mesh_.triangles.size() - kept);
+        return kept;
+    }
+
+    std::array<uint32_t, 3> vertices_of(size_t primitive) const {
+        std::array<uint32_t, 3> vertex = mesh_.triangles[primitive];
+        if (shape_.flip_normals) std::swap(vertex[1], vertex[2]);
+        return vertex;
+    }
+
+   private:
+    struct Chunk {
+        size_t kept = 0;
+        Aabb bounds;
+        std::vector<TriangleRun> runs;  // counted from the chunk's first kept triangle
+    };
+
+    void read_chunk(size_t piece, size_t begin, size_t end) {
+        Chunk chunk;
+        Corners* to = data_.corners.data() + first_ + begin;
+        bool in_run = false;
+        for (size_t primitive = begin; primitive < end; ++primitive) {
+            const std::array<uint32_t, 3> vertex = vertices_of(primitive);
+            for (uint32_t index : vertex)
+                if (index >= mesh_.positions.size())
+                    throw InputError(name_of(scene_, shape_) + ": vertex " + std::to_string(index) +
+                                     " of " + std::to_string(mesh_.positions.size()));
+            const Corners corners{mesh_.positions[vertex[0]], mesh_.positions[vertex[1]],
+                                  mesh_.positions[vertex[2]]};
+            const bool keep = has_area(corners);
+            if (keep && !in_run)
+                chunk.runs.push_back(
+                    {static_cast<uint32_t>(chunk.kept), 0, static_cast<uint32_t>(primitive)});
+            in_run = keep;
+            if (!keep) continue;
+            for (const Point& corner : corners) chunk.bounds.grow_to(corner);
+            to[chunk.kept++] = corners;
+        }
+        chunks_[piece] = std::move(chunk);
+    }
+
+    void append_runs(const Chunk& chunk, size_t first) {
+        const auto object = static_cast<uint32_t>(&shape_ - scene_.shapes.data());
+        for (TriangleRun run : chunk.runs) {
+            run.first += static_cast<uint32_t>(first);
+            run.shape = object;
+            if (!data_.triangle_runs.empty()) {
+                const TriangleRun& last = data_.triangle_runs.back();
+                // The chunk before ended in the middle of a run.
+                if (last.shape == object &&
+                    run.first - last.first == run.primitive - last.primitive)
+                    continue;
+            }
+            data_.triangle_runs.push_back(run);
+        }
+    }
+
+    const Scene& scene_;
+    const Shape& shape_;
+    const Mesh& mesh_;
+    SceneData& data_;
+    size_t first_;
+    Workers& workers_;
+    std::vector<Chunk> chunks_;
+};
+
+/// Calls use(triangle, primitive) for the kept triangles [first, last) of runs that cover them.
+template <class Use>
+void for_primitives(const std::vector<TriangleRun>& runs, size_t first, size_t last, Use use) {
+    auto run = std::upper_bound(runs.begin(), runs.end(), first,
+                                [](size_t at, const auto& r) { return at < r.first; }) -
+               1;
+    for (size_t i = first; i < last; ++i) {
+        if (run + 1 != runs.end() && (run + 1)->first <= i) ++run;
+        use(i, run->primitive + (i - run->first));
+    }
+}
+
+/// Shading rows of the triangles [first, last) of `shape`; `normals` and `lights` are those of
+/// `first`.
+void write_rows(const Scene& scene, const Shape& shape, const MeshReader& reader, SceneData& data,
+                size_t first, size_t last, size_t lights, Workers& workers) {
+    const uint32_t object = object_of(scene, shape);
+    const uint32_t bits = surface_bits(scene, shape, SURFACE_FLAT, false);
+    const bool smooth = !shape.mesh.normals.empty();
+    const size_t normals = data.normals.size() / NORMALS_ROWS;
+    data.triangles.resize(last * TRIANGLE_ROWS);
+    if (smooth) data.normals.resize((normals + last - first) * NORMALS_ROWS);
+    const auto write = [&](size_t triangle, size_t primitive) {
+        const size_t i = triangle - first;
+        const Corners& corners = data.corners[triangle];
+        const int normal_entry = smooth ? static_cast<int>(normals + i) : -1;
+        data.triangles[triangle * TRIANGLE_ROWS] =
+            row_of(corners[0], as_float_bits(bits), corners[1],
+                   as_float_bits(static_cast<uint32_t>(lights + (emits(shape) ? i : 0))));
+        data.triangles[triangle * TRIANGLE_ROWS + 1] =
+            row_of(corners[2], as_float_bits(object),
+                   {as_float_bits(static_cast<uint32_t>(normal_entry)), 0, 0}, 0);
+        if (!smooth) return;
+        std::array<Point, 3> n;
+        const std::array<uint32_t, 3> vertex = reader.vertices_of(primitive);
+        for (size_t k = 0; k < 3; ++k) {
+            n[k] = shape.mesh.normals[vertex[k]];
+            if (shape.flip_normals)
+                for (float& x : n[k]) x = -x;
+        }
+        data.normals[(normals + i) * NORMALS_ROWS] = row_of(n[0], 0, n[1], 0);
+        data.normals[(normals + i) * NORMALS_ROWS + 1] = row_of(n[2], 0, {0, 0, 0}, 0);
+    };
+    run_chunks(workers, last - first, kChunk, [&](size_t, size_t begin, size_t end) {
+        for_primitives(data.triangle_runs, first + begin, first + end, write);
+    });
+}
+
 }  // namespace
 
-bool has_area(const std::array<Point, 3>& corners) {
+bool has_area(const Corners& corners) {
     const Double3 normal = cross(to_double3(corners[1]) - to_double3(corners[0]),
                                  to_double3(corners[2]) - to_double3(corners[0]));
     return is_finite(normal) && dot(normal, normal) > kLeastSquaredArea &&
            dot(normal, normal) < 1e36;
 }
 
-LightSource light_of_triangle(const std::array<Point, 3>& corners, const Rgb& radiance,
-                              int normals) {
+LightSource light_of_triangle(const Corners& corners, const Rgb& radiance, int normals) {
     const Double3 p = to_double3(corners[0]);
     LightSource light{.kind = LIGHT_TRIANGLE,
                       .p = p,
@@ -44,49 +187,35 @@ LightSource light_of_triangle(const std::array<Point, 3>& corners, const Rgb& ra
     return light;
 }
 
-void add_triangles(const Scene& scene, SceneData& data, std::vector<LightSource>& lights) {
+void add_triangles(const Scene& scene, SceneData& data, std::vector<LightSource>& lights,
+                   bool tables, Workers& workers) {
+    size_t most = 0;
+    for (const Shape& shape : scene.shapes) most += shape.mesh.triangles.size();
+    if (most > kMaxPrimitives)
+        throw InputError("scene '" + scene.name + "': " + std::to_string(most) +
+                         " triangles, at most " + std::to_string(kMaxPrimitives));
+    data.corners = Block<Corners>(most);
+    size_t kept = 0;
     for (const Shape& shape : scene.shapes) {
         if (shape.type != Shape::Type::kMesh) continue;
         if (!data.parts[static_cast<size_t>(&shape - scene.shapes.data())].empty()) continue;
         const Mesh& mesh = shape.mesh;
-        const auto object = object_of(scene, shape);
-        const bool smooth = !mesh.normals.empty();
-        if (smooth && mesh.normals.size() != mesh.positions.size())
+        if (!mesh.normals.empty() && mesh.normals.size() != mesh.positions.size())
             throw InputError(name_of(scene, shape) + ": " + std::to_string(mesh.normals.size()) +
                              " normals for " + std::to_string(mesh.positions.size()) + " vertices");
-        for (std::array<uint32_t, 3> vertex : mesh.triangles) {
-            for (uint32_t index : vertex)
-                if (index >= mesh.positions.size())
-                    throw InputError(name_of(scene, shape) + ": vertex " + std::to_string(index) +
-                                     " of " + std::to_string(mesh.positions.size()));
-            if (shape.flip_normals) std::swap(vertex[1], vertex[2]);
-            const std::array<Point, 3> corners{mesh.positions[vertex[0]], mesh.positions[vertex[1]],
-                                               mesh.positions[vertex[2]]};
-            if (!has_area(corners)) {
-                ++data.dropped_triangles;
-                continue;
-            }
-            int normals = -1;
-            if (smooth) {
-                normals = static_cast<int>(data.normals.size() / NORMALS_ROWS);
-                std::array<Point, 3> n{mesh.normals[vertex[0]], mesh.normals[vertex[1]],
-                                       mesh.normals[vertex[2]]};
-                if (shape.flip_normals)
-                    for (Point& v : n)
-                        for (float& x : v) x = -x;
-                data.normals.push_back(row_of(n[0], 0, n[1], 0));
-                data.normals.push_back(row_of(n[2], 0, {0, 0, 0}, 0));
-            }
-            const uint32_t bits = surface_bits(scene, shape, SURFACE_FLAT, false);
-            data.triangles.push_back(row_of(corners[0], as_float_bits(bits), corners[1],
-                                            as_float_bits(static_cast<uint32_t>(lights.size()))));
-            data.triangles.push_back(row_of(corners[2], as_float_bits(object),
-                                            {as_float_bits(static_cast<uint32_t>(normals)), 0, 0},
-                                            0));
-            data.corners.push_back(corners);
-            if (emits(shape)) lights.push_back(light_of_triangle(corners, shape.radiance, normals));
-        }
+        MeshReader reader(scene, shape, data, kept, workers);
+        const size_t first = kept;
+        const int normals =
+            mesh.normals.empty() ? -1 : static_cast<int>(data.normals.size() / NORMALS_ROWS);
+        kept += reader.read();
+        if (!tables) continue;
+        write_rows(scene, shape, reader, data, first, kept, lights.size(), workers);
+        for (size_t i = first; i < kept && emits(shape); ++i)
+            lights.push_back(
+                light_of_triangle(data.corners[i], shape.radiance,
+                                  normals < 0 ? -1 : normals + static_cast<int>(i - first)));
     }
+    data.corners.shorten(kept);
 }
 
 }  // namespace pave

@@ -10,8 +10,8 @@ SPDX-License-Identifier: BSD-3-Clause
     renderer.render(pave.look_at(eye, target), frame, spp=64, seed=7)
     frame["color"].torch()          # the slot's own memory; likewise .numpy() and .cl_buffer()
 
-DataLoader and Dataset are loaded when first used, since they need torch. Errors are those of
-pave.errors.
+DataLoader, Dataset and RayTracer are loaded when first used, since they need torch or numpy. Errors
+are those of pave.errors.
 """
 
 from __future__ import annotations
@@ -54,6 +54,7 @@ from pave.stage import Source, Stage, Trace, read_exr, write_exr
 
 if TYPE_CHECKING:
     from pave.data import DataLoader, Dataset
+    from pave.rays import RayTracer
 
 __version__: str = _pave.program_version()
 
@@ -74,6 +75,7 @@ __all__ = [
     "InternalError",
     "Metadata",
     "PeerError",
+    "RayTracer",
     "Renderer",
     "RunError",
     "Scene",
@@ -121,8 +123,12 @@ def __getattr__(name: str) -> Any:
         from pave import data
 
         return getattr(data, name)
+    if name == "RayTracer":
+        from pave.rays import RayTracer
+
+        return RayTracer
     raise AttributeError(f"module 'pave' has no attribute '{name}'")
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), "DataLoader", "Dataset"])
+    return sorted([*globals(), "DataLoader", "Dataset", "RayTracer"])

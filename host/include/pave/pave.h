@@ -6,6 +6,7 @@
 #include "pave/frame.h"
 #include "pave/generator.h"
 #include "pave/paver.h"
+#include "pave/rays.h"
 #include "pave/render.h"
 #include "pave/scene.h"
 #include "pave/source.h"

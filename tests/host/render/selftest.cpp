@@ -14,7 +14,7 @@ SelfTest::SelfTest(const Scene& scene, int lanes, const RendererPaths& paths)
     const kernel::PathParams p = make_params(data_, scene, scene.view, {}, schema, lanes);
     params_ = make_buffer_of(device(), std::array{p}, "parameters");
     shapes_ = make_buffer_of(device(), pack_shapes(data_, lanes), "shapes");
-    tree_ = make_buffer_of(device(), pack_tree(data_), "tree");
+    tree_ = make_buffer_of(device(), data_.tree, "tree");
     tables_ = make_buffer_of(device(), pack_tables(data_), "tables");
     light_cdf_ = make_buffer_of(device(), data_.light_cdf, "lights");
     Defines defines = data_.features;
