@@ -1,4 +1,4 @@
-// The first cuts of a large scene, over the cells of a grid: primitives are moved once, not each cut.
+// First cuts of a large scene over the cells of a grid: primitives are moved once, not at each cut.
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
