@@ -227,14 +227,21 @@ TEST(Watertight, TenMillionRaysStayInAMeshFarAway) {
     std::vector<Hit> hits(kBatch);
     size_t misses = 0;
     for (size_t batch = 0; batch < kBatches; ++batch) {
+        size_t first = 0;
         for (size_t i = 0; i < kBatch; ++i) {
-            const auto& t = mesh.triangles[pick(rng)];
+            // In every other batch sixteen rays go together, from one point to one strip.
+            const bool together = batch % 2 == 1, leads = i % 16 == 0;
+            if (!together || leads) first = pick(rng);
+            const auto& t =
+                mesh.triangles[(first + (together ? i % 16 : 0)) % mesh.triangles.size()];
             const auto &a = mesh.positions[t[0]], &b = mesh.positions[t[1]];
             const float along = i % 4 == 0 ? 0.0f : unit(rng);
             for (size_t k = 0; k < 3; ++k) {
-                rays[i].origin[k] = center[k] + 100 * (2 * unit(rng) - 1);
-                rays[i].direction[k] =
-                    i % 2 == 0 ? a[k] + along * (b[k] - a[k]) - rays[i].origin[k] : normal(rng);
+                rays[i].origin[k] = together && !leads ? rays[i - 1].origin[k]
+                                                       : center[k] + 100 * (2 * unit(rng) - 1);
+                rays[i].direction[k] = together || i % 2 == 0
+                                           ? a[k] + along * (b[k] - a[k]) - rays[i].origin[k]
+                                           : normal(rng);
             }
         }
         tracer.trace_closest(rays, hits);
