@@ -17,6 +17,8 @@ constexpr uint32_t kGridPrimitives = 1 << 16;  // more are first cut over a grid
 constexpr int kMaxSahDepth = 48;  // below it ranges are halved: depth is bounded for any input
 constexpr uint32_t kFewPrimitives = 32;  // fewer bins will do
 constexpr int kFewBins = 8;
+constexpr uint32_t kLeafPrimitives = 8;
+constexpr int kLeafBins = 4;
 constexpr uint32_t kManyPrimitives = 1024;
 constexpr int kSomeBins = 16;
 // What opening a node costs against testing a leaf's packet. Below it a cut is not worth its boxes.
@@ -25,6 +27,7 @@ constexpr float kCutCost = 0.25f;
 /// Large ranges get more: with 16 bins the walls of a room around a mesh of 2M triangles cost every
 /// ray two nodes.
 int bins_for(uint32_t count) {
+    if (count <= kLeafPrimitives) return kLeafBins;
     if (count <= kFewPrimitives) return kFewBins;
     return count <= kManyPrimitives ? kSomeBins : Bins::kMost;
 }
