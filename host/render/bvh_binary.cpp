@@ -13,9 +13,12 @@ constexpr uint32_t kChunk = 1 << 14;  // primitives that a thread takes of a lar
 constexpr uint32_t kLeastTask = 1 << 12;
 constexpr uint32_t kTasks = 64;      // at least, of many primitives: so that threads end together
 constexpr int32_t kPiece = 1 << 10;  // nodes
-constexpr int kMaxSahDepth = 48;     // below it ranges are halved: depth is bounded for any input
+constexpr uint32_t kGridPrimitives = 1 << 16;  // more are first cut over a grid
+constexpr int kMaxSahDepth = 48;  // below it ranges are halved: depth is bounded for any input
 constexpr uint32_t kFewPrimitives = 32;  // fewer bins will do
 constexpr int kFewBins = 8;
+constexpr uint32_t kLeafPrimitives = 8;
+constexpr int kLeafBins = 4;
 constexpr uint32_t kManyPrimitives = 1024;
 constexpr int kSomeBins = 16;
 // What opening a node costs against testing a leaf's packet. Below it a cut is not worth its boxes.
@@ -24,6 +27,7 @@ constexpr float kCutCost = 0.25f;
 /// Large ranges get more: with 16 bins the walls of a room around a mesh of 2M triangles cost every
 /// ray two nodes.
 int bins_for(uint32_t count) {
+    if (count <= kLeafPrimitives) return kLeafBins;
     if (count <= kFewPrimitives) return kFewBins;
     return count <= kManyPrimitives ? kSomeBins : Bins::kMost;
 }
@@ -89,7 +93,15 @@ int32_t BinaryBuilder::new_node(Piece& piece) {
 }
 
 int32_t BinaryBuilder::build() {
-    const int32_t root = build_top(whole());
+    const Range all = whole();
+    int32_t root = -1;
+    if (all.count > kGridPrimitives) {
+        const std::vector<GridNode> grid =
+            cut_by_grid(first_, second_, all.centers, task_size_, leaf_cost_, workers_);
+        root = take_over(grid, 0, 0);
+    } else {
+        root = build_top(all);
+    }
     workers_.run(tasks_.size(), [&](size_t i) { build_task(tasks_[i]); });
     for (size_t i = top_nodes_.size(); i-- > 0;)
         plan(nodes_[static_cast<size_t>(top_nodes_[i])], nodes_.data(), options_);
@@ -107,6 +119,21 @@ BinaryBuilder::Range BinaryBuilder::whole() {
     Range range{0, count, 0, false, Box::none()};
     for (const Box& part : parts) range.centers.grow(part);
     return range;
+}
+
+/// The grid's cuts from `from` on as nodes; its runs are cut further.
+int32_t BinaryBuilder::take_over(const std::vector<GridNode>& grid, int32_t from, int depth) {
+    const GridNode& cut = grid[static_cast<size_t>(from)];
+    if (cut.left < 0) return build_top({cut.first, cut.count, depth, true, cut.centers});
+    const int32_t index = new_node(top_piece_);
+    top_nodes_.push_back(index);
+    BinaryNode node{};
+    node.bounds = cut.bounds;
+    node.count = cut.count;  // too many for a leaf, so their place is not asked for
+    node.left = take_over(grid, cut.left, depth + 1);
+    node.right = take_over(grid, cut.right, depth + 1);
+    nodes_[static_cast<size_t>(index)] = node;
+    return index;
 }
 
 int32_t BinaryBuilder::build_top(const Range& range) {

@@ -11,6 +11,7 @@
 #include "host/render/block.h"
 #include "host/render/bvh_bins.h"
 #include "host/render/bvh_build.h"
+#include "host/render/bvh_grid.h"
 #include "host/render/workers.h"
 
 namespace pave {
@@ -68,6 +69,7 @@ class BinaryBuilder {
     }
     int32_t new_node(Piece& piece);
     Range whole();
+    int32_t take_over(const std::vector<GridNode>& grid, int32_t from, int depth);
     int32_t build_top(const Range& range);
     std::array<Range, 2> cut_in_parallel(const Range& range, Box& bounds);
     void build_task(const Task& task);

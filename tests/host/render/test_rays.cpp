@@ -116,6 +116,47 @@ TEST_P(RayPaths, AgreeOnEveryRay) {
         }
 }
 
+/// Rays of a camera, which wide kernels trace together: whole rows, some of them with a ray among
+/// them that goes elsewhere, ends early or has no direction.
+std::vector<Ray> camera_rays(int width, int height) {
+    std::vector<Ray> rays;
+    for (int y = 0; y < height; ++y)
+        for (int x = 0; x < width; ++x) {
+            const float u = 2.0f * static_cast<float>(x) / static_cast<float>(width) - 1;
+            const float v = 2.0f * static_cast<float>(y) / static_cast<float>(height) - 1;
+            rays.push_back(ray_of({0.1f, 0.05f, 3}, {0.5f * u, 0.5f * v, -1}));
+            if ((7 * x + 13 * y) % 91 == 0) rays.back().t_max = 2.3f;
+            if ((5 * x + 3 * y) % 97 == 0) rays.back().direction[2] = x % 2 == 0 ? 0.0f : 1.0f;
+            if ((3 * x + 5 * y) % 499 == 0) rays.back() = ray_of({0, 0, 0}, {0, 0, 0});
+        }
+    return rays;
+}
+
+TEST_P(RayPaths, RaysTogetherGetWhatTheyGetAlone) {
+    const std::vector<Ray> rays = camera_rays(333, 200);
+    for (const Mesh& mesh :
+         {random_triangles(2000, 0.2f, 9), sphere_mesh(50, {0, 0, 0}, 0.8f, false)}) {
+        Scene scene;
+        add_mesh(scene, mesh, add_diffuse(scene, {0.5f, 0.5f, 0.5f}));
+        RayTracer one(device(), scene, {.lane_width = 1});
+        const std::vector<Hit> expected = closest(one, rays);
+        for (int segment : {0, 16, 4096}) {
+            RayTracer tracer(device(), scene, {.lane_width = GetParam(), .segment = segment});
+            const std::vector<Hit> hits = closest(tracer, rays);
+            size_t found = 0;
+            for (size_t i = 0; i < rays.size(); ++i) {
+                ASSERT_EQ(hits[i].t, expected[i].t) << "ray " << i;
+                ASSERT_EQ(hits[i].shape, expected[i].shape) << "ray " << i;
+                found += hits[i].shape >= 0;
+                if (hits[i].primitive != expected[i].primitive) continue;  // on a shared edge
+                ASSERT_EQ(hits[i].b1, expected[i].b1) << "ray " << i;
+                ASSERT_EQ(hits[i].b2, expected[i].b2) << "ray " << i;
+            }
+            EXPECT_GT(found, rays.size() / 8);
+        }
+    }
+}
+
 TEST_P(RayPaths, SenselessRaysMeetNothing) {
     const std::array<float, 3> o{0, 0, 0}, d{0, 0, -1};
     const std::vector<Ray> rays{ray_of({kNaN, 0, 0}, d),

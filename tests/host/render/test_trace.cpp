@@ -250,7 +250,7 @@ TEST(TraceSelfHit, NoRayHitsWhatItStartsOn) {
     // without skip.
     std::mt19937 rng(51);
     std::uniform_real_distribution<double> unit(-1.0, 1.0);
-    constexpr size_t kTriangles = 1024, kDirections = 64, kCount = kTriangles * kDirections;
+    constexpr size_t kTriangles = 1024, kDirections = 2048, kCount = kTriangles * kDirections;
     Scene scene;
     Mesh mesh;
     Rays rays(kTriangles);
