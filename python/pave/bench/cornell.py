@@ -9,8 +9,8 @@ from pathlib import Path
 
 from pave.bench.common import Bench, scene_file, temporary_folder
 from pave.bench.meshes import as_meshes
-from pave.bench.speed import SIX, Job, measure
-from pave.bench.subjects import Mitsuba
+from pave.bench.speed import Job, measure
+from pave.bench.subjects import SIX, Mitsuba
 
 QUICK_SIZE = 16
 

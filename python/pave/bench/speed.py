@@ -12,8 +12,6 @@ from pathlib import Path
 from pave.bench.common import Bench, Figure, Mean
 from pave.bench.subjects import MITSUBA, Mitsuba, Pave, independent_mean
 
-SIX = ("color", "albedo", "direct", "normal", "depth", "variance")
-
 
 @dataclass(frozen=True)
 class Job:

@@ -16,6 +16,7 @@ import numpy as np
 import pave
 from pave.bench.common import Bench, Mean
 
+SIX = ("color", "albedo", "direct", "normal", "depth", "variance")
 MITSUBA = "mitsuba llvm_ad_rgb"
 HOW_TO_GET = "`pip install mitsuba` and `apt install libllvm19`"
 
@@ -23,7 +24,9 @@ HOW_TO_GET = "`pip install mitsuba` and `apt install libllvm19`"
 class Pave:
     """A scene file on PAVE's device, with one frame that every render goes to."""
 
-    def __init__(self, device: pave.Device, path: Path, size: int, channels: Sequence[str]) -> None:
+    def __init__(
+        self, device: pave.Device, path: Path | str, size: int, channels: Sequence[str]
+    ) -> None:
         self.scene = pave.load_scene(path, defines={"size": size})
         self.renderer = pave.Renderer(device, self.scene)
         self.stage = pave.Stage(
