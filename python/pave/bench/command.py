@@ -28,7 +28,9 @@ def bench(
     name: Annotated[str, typer.Argument(help=", ".join(BENCHES) + ".")],
     peers: Annotated[bool, typer.Option("--peers", help="Run the peer beside PAVE.")] = False,
     quick: Annotated[bool, typer.Option("--quick", help="Tiny: a check, no figures.")] = False,
-    rounds: Annotated[int | None, typer.Option(help="Rounds that count. Default: 5.")] = None,
+    rounds: Annotated[
+        int | None, typer.Option(help="Rounds that count. Default: 3 to 7, by bench.")
+    ] = None,
     device: Annotated[str, typer.Option("--device", help="As in render.")] = "",
     json: Annotated[bool, typer.Option("--json", help="One JSON object a line.")] = False,
 ) -> None:
@@ -40,7 +42,7 @@ def bench(
     if rounds is not None and not 1 <= rounds <= 1000:
         raise UsageError(f"--rounds {rounds} is outside 1..1000")
     console = Console(json)
-    options = Options(peers, quick, rounds or (2 if quick else 5), device)
+    options = Options(peers, quick, rounds, device)
     run = Bench(name, console, options)
     try:
         importlib.import_module(f"pave.bench.{name.replace('-', '_')}").run(run)

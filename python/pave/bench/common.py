@@ -5,6 +5,7 @@ SPDX-License-Identifier: BSD-3-Clause
 
 from __future__ import annotations
 
+import os
 import sys
 import tempfile
 import time
@@ -32,7 +33,7 @@ class Options:
 
     peers: bool = False
     quick: bool = False  # tiny images: a check that all works, no figures to keep
-    rounds: int = 5  # those that count; one more is run before them
+    rounds: int | None = None  # that count, after one that is dropped; None: the bench's own
     device: str = ""
 
 
@@ -124,6 +125,10 @@ class Bench:
         self.device = pave.Device(options.device)
         self.records: list[dict[str, Any]] = []
 
+    def rounds(self, usual: int = 5) -> int:
+        """What was asked for, else `usual`; at most two of a quick bench."""
+        return self.options.rounds or (min(usual, 2) if self.options.quick else usual)
+
     def note(self, text: str) -> None:
         """Where it is: one line that rewrites itself on a terminal, a line each in a pipe."""
         if sys.stderr.isatty():
@@ -160,7 +165,7 @@ class Bench:
 
         A subject is called with the round's number, from 0.
         """
-        rounds = rounds or self.options.rounds
+        rounds = rounds or self.rounds()
         seconds: dict[str, list[float]] = {name: [] for name in subjects}
         for number in range(rounds + 1):
             for name, work in subjects.items():
@@ -215,8 +220,6 @@ def temporary_folder() -> tempfile.TemporaryDirectory[str]:
 
 def scene_file(name: str) -> Path:
     """The XML file of one of PAVE's own scenes, which a peer reads too. Raises RunError."""
-    import os
-
     here = Path(pave.__file__).resolve().parent
     folders = [Path(os.environ.get("PAVE_SCENE_DIR") or here / "scenes")]
     folders += [here / "scenes", here.parents[1] / "scenes"]

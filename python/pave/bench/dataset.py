@@ -49,7 +49,7 @@ class Job:
 
 def run(bench: Bench) -> None:
     mitsuba = Mitsuba.find(bench)
-    rounds = min(bench.options.rounds, 3)
+    rounds = bench.rounds(3)
     if bench.options.quick:
         jobs = [Job("views-100", 6, 16, 64, 1, 0.5), Job("full", 3, 16, 1000, 1, 0.0, 1)]
     else:

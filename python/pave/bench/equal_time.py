@@ -133,8 +133,8 @@ class Series:
 def alone(bench: Bench, own: Pave, reference: Reference) -> None:
     """Without a peer: the error and the time of 64 samples."""
     mine = Series([], [])
-    for number in range(bench.options.rounds + 1):
-        bench.note(f"PAVE, round {number} of {bench.options.rounds}")
+    for number in range(bench.rounds() + 1):
+        bench.note(f"PAVE, round {number} of {bench.rounds()}")
         mine.add(reference, lambda number=number: own.render(SPP, number), number > 0)
     more = {"seconds": median(mine.seconds), "spp": SPP, "reference_error": reference.error}
     figure = Figure("64-samples", "squared_error", "", mine.errors, higher_is_better=False)
@@ -154,8 +154,8 @@ def compare(
     mine, theirs = Series([], []), Series([], [])
     mitsuba.render(scene, SPP, 999)  # compiles
     spp, counts = 4 * SPP, []
-    for number in range(bench.options.rounds + 1):
-        bench.note(f"{sampler}: round {number} of {bench.options.rounds}")
+    for number in range(bench.rounds() + 1):
+        bench.note(f"{sampler}: round {number} of {bench.rounds()}")
         keep = number > 0
         peer_s = theirs.add(reference, lambda seed=number: mitsuba.render(scene, SPP, seed), keep)
         own_s = mine.add(reference, lambda seed=number, spp=spp: own.render(spp, seed), keep)

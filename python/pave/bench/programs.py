@@ -29,7 +29,8 @@ def find_program(name: str) -> Path:
 def run_program(bench: Bench, name: str) -> None:
     """Ends with the program's own reason if it fails; it is stopped with this process."""
     options = bench.options
-    command = [str(find_program(name)), "--rounds", str(options.rounds)]
+    command = [str(find_program(name))]
+    command += ["--rounds", str(options.rounds)] if options.rounds else []
     command += ["--peers"] if options.peers else []
     command += ["--quick"] if options.quick else []
     command += ["--device", options.device] if options.device else []

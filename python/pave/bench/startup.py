@@ -18,7 +18,7 @@ from pave.bench.subjects import SIX, Pave
 from pave.errors import RunError
 
 SIZE, SPP = 64, 4
-MAX_FIRST = 3  # each compiles every kernel
+FIRST_RUNS = 3  # each compiles every kernel
 LIMIT_S = 300
 
 
@@ -28,11 +28,11 @@ def run(bench: Bench) -> None:
     expected = own.render(SPP).copy()
     mean = Mean.of_variance(expected, own.frame["variance"].numpy())
     first, later = [], []
-    for number in range(min(bench.options.rounds, MAX_FIRST)):
+    for number in range(bench.rounds(FIRST_RUNS)):
         bench.note(f"empty kernel cache, run {number + 1}")
         with temporary_folder() as folder:
             first.append(timed(lambda folder=folder: render(bench, Path(folder), expected)))
-            count = bench.options.rounds if number == 0 else 0
+            count = bench.rounds() if number == 0 else 0
             later += [
                 timed(lambda folder=folder: render(bench, Path(folder), expected))
                 for _ in range(count)
