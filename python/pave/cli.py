@@ -14,6 +14,7 @@ from typing import Annotated, Any
 import typer
 
 from pave import errors
+from pave.bench.command import bench
 from pave.console import Console
 from pave.inference import DRAWING_SPP
 from pave.options import TrainOptions as Defaults
@@ -422,6 +423,9 @@ def demo(
     setting = "quick" if quick else "full" if full else "standard"
     record = run_demo(console, folder, setting, device=device, seed=seed)
     console.result(record)
+
+
+app.command()(bench)
 
 
 INTERRUPTED = 130  # what typer makes of KeyboardInterrupt, which is not one of PAVE's exit codes

@@ -46,6 +46,7 @@ def folder(tmp_path_factory):
 def test_commands(folder):
     assert [words[0] for words in commands()] == [
         "doctor", "devices", "render", "dataset", "info", "train", "evaluate", "infer",
+        "bench",
     ]  # fmt: skip
     for name in ("cornell.exr", "drawn.png", "run/generator.safetensors", "run/metrics.csv"):
         assert (folder / name).stat().st_size > 0, name
