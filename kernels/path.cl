@@ -256,7 +256,11 @@ static inline void extend_paths(const Scene* s, const Queue* q, Paths* paths) {
                          unit_float(r.y));
     }
 #endif
-    const BsdfSample b = sample_bsdf(&m, wi, unit_float(r.z), unit_float(r.w));
+    vfloat u_lobe = splat(0.0f);
+#if PAVE_HAS_ROUGH_DIELECTRIC
+    u_lobe = unit_float(draw(s, &q->keys, pixel, sample, block_of_light(depth)).y);
+#endif
+    const BsdfSample b = sample_bsdf(&m, wi, unit_float(r.z), unit_float(r.w), u_lobe);
     paths->throughput = mul3(paths->throughput, b.weight);
     paths->eta *= b.eta;
     paths->bsdf_pdf = b.pdf;

@@ -87,7 +87,8 @@ PAVE_SIZEOF(SphereShape, 32);
 //   { n2 xyz, -, -, -, -, - }
 // bsdf, 3 rows:
 //   { albedo rgb, -, alpha_u, alpha_v, eta (inside over outside), - }
-//   { eta rgb, -, k rgb, - }
+//   { eta rgb, -, k rgb, - }; plastic: { reflectance from inside, share of the specular lobe,
+//     nonlinear (0 or 1), -, -, -, -, - }
 //   { reflectance rgb, -, transmittance rgb, - }
 // light, 3 rows:
 //   { p xyz, KIND (int), e1 xyz, pmf }
@@ -102,21 +103,23 @@ PAVE_SIZEOF(SphereShape, 32);
 #define BSDF_ROWS 3
 #define LIGHT_ROWS 3
 
-// BITS: [23:0] bsdf, [25:24] BSDF_* type, [26] two sided, [27] emits, [29:28] SURFACE_* kind, [30]
+// BITS: [22:0] bsdf, [25:23] BSDF_* type, [26] two sided, [27] emits, [29:28] SURFACE_* kind, [30]
 // sphere seen from inside out
 #define BSDF_DIFFUSE 0
 #define BSDF_CONDUCTOR 1
 #define BSDF_ROUGH_CONDUCTOR 2
 #define BSDF_DIELECTRIC 3
+#define BSDF_PLASTIC 4
+#define BSDF_ROUGH_DIELECTRIC 5
 #define SURFACE_FLAT 0
 #define SURFACE_DISK 1
 #define SURFACE_SPHERE 2
-#define MAX_BSDFS 0x1000000
+#define MAX_BSDFS 0x800000
 #define make_bits(bsdf, type, two_sided, emits, kind, inverted)                \
-    ((PAVE_U32)(bsdf) | (PAVE_U32)(type) << 24 | (PAVE_U32)(two_sided) << 26 | \
+    ((PAVE_U32)(bsdf) | (PAVE_U32)(type) << 23 | (PAVE_U32)(two_sided) << 26 | \
      (PAVE_U32)(emits) << 27 | (PAVE_U32)(kind) << 28 | (PAVE_U32)(inverted) << 30)
-#define bits_bsdf(b) ((b)&0xffffff)
-#define bits_type(b) (((b) >> 24) & 3)
+#define bits_bsdf(b) ((b)&0x7fffff)
+#define bits_type(b) (((b) >> 23) & 7)
 #define bits_two_sided(b) (((b) & (1 << 26)) != 0)
 #define bits_emits(b) (((b) & (1 << 27)) != 0)
 #define bits_kind(b) (((b) >> 28) & 3)

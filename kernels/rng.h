@@ -99,4 +99,5 @@ static inline vfloat unit_float_of_rest(Philox r) {
 #define block_of_vertex(depth) \
     (splat_uint(1u) + ((depth) << 1)) /* x, y: light; z, w: BSDF; rest: roulette */
 #define block_of_light(depth) \
-    (splat_uint(2u) + ((depth) << 1)) /* x: which light, if there are several */
+    (splat_uint(2u) +         \
+     ((depth) << 1)) /* x: which light, if there are several; y: lobe of a rough dielectric */

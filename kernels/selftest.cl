@@ -131,8 +131,8 @@ __kernel void sample_bsdf_many(__constant const PathParams* p, __global const fl
     const int i = FIRST;
     const Material m = material_of_surface(&s, surface);
     const Philox r = numbers(i, seed);
-    const BsdfSample b =
-        sample_bsdf(&m, splat3(wi.x, wi.y, wi.z), unit_float(r.x), unit_float(r.y));
+    const BsdfSample b = sample_bsdf(&m, splat3(wi.x, wi.y, wi.z), unit_float(r.x), unit_float(r.y),
+                                     unit_float(r.z));
     store3(out, count, i, b.wo);
     store3(out + 3 * count, count, i, b.weight);
     lane_store(b.pdf, out + 6 * count + i);

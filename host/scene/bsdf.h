@@ -36,6 +36,8 @@ class BsdfReader {
     Bsdf read_conductor(Properties& properties);
     void read_roughness(Properties& properties, Bsdf& bsdf);
     Bsdf read_dielectric(Properties& properties);
+    Bsdf read_plastic(Properties& properties);
+    void read_indices(Properties& properties, Bsdf& bsdf);
     float read_ior(Properties& properties, const std::string& name, float fallback);
     int find(pugi::xml_node ref);
 

@@ -173,8 +173,7 @@ void ShapeReader::read_mesh(Properties& properties, Shape& shape, const Affine& 
 
 void ShapeReader::check_material(const Properties& properties, const Shape& shape) const {
     const Bsdf& bsdf = scene_.bsdfs[static_cast<size_t>(shape.bsdf)];
-    if (shape.type == Shape::Type::kMesh && bsdf.type == Bsdf::Type::kRoughConductor &&
-        bsdf.alpha_u != bsdf.alpha_v)
+    if (shape.type == Shape::Type::kMesh && bsdf.alpha_u != bsdf.alpha_v)
         file_.fail(properties.node(),
                    "alpha_u and alpha_v need texture coordinates, which meshes have not in PAVE: "
                    "give one alpha");

@@ -18,19 +18,27 @@ using Matrix4 = std::array<float, 16>;  // row-major
 
 /// A material. Fields that its type does not use keep their defaults.
 struct Bsdf {
-    enum class Type : int { kDiffuse, kConductor, kRoughConductor, kDielectric };
+    enum class Type : int {
+        kDiffuse,
+        kConductor,
+        kRoughConductor,
+        kDielectric,
+        kPlastic,
+        kRoughDielectric
+    };
     Type type = Type::kDiffuse;
     std::string id{};
     bool two_sided =
-        false;  // inside a `twosided`; otherwise the back of diffuse and conductors is black
-    Rgb reflectance{0.5f, 0.5f, 0.5f};  // diffuse
+        false;  // inside a `twosided`; otherwise the back of all but dielectrics is black
+    Rgb reflectance{0.5f, 0.5f, 0.5f};  // diffuse; plastic: of its base
     Rgb eta{0, 0, 0},
         k{1, 1,
           1};  // conductors: complex index of refraction ("none": eta 0, k 1, a perfect mirror)
     Rgb specular_reflectance{1, 1, 1}, specular_transmittance{1, 1, 1};
-    float alpha_u = 0.1f, alpha_v = 0.1f;  // roughconductor, GGX (Mitsuba's default distribution is
-                                           // beckmann: only ggx is taken)
-    float int_ior = 1.5046f, ext_ior = 1.000277f;  // dielectric
+    float alpha_u = 0.1f, alpha_v = 0.1f;  // roughconductor and roughdielectric, GGX (Mitsuba's
+                                           // default distribution is beckmann: only ggx is taken)
+    float int_ior = 1.5046f, ext_ior = 1.000277f;  // dielectrics, plastic
+    bool nonlinear = false;  // plastic: light that stays inside is coloured at each reflection
 };
 
 /// Triangles; the geometric normal is that of the winding, cross(p1 - p0, p2 - p0). Shading

@@ -97,7 +97,15 @@ Scene menagerie() {
     brushed.k = {3.98f, 2.39f, 1.6f};
     brushed.alpha_u = 0.1f;
     brushed.alpha_v = 0.4f;
+    const int frosted = add_material(scene, Bsdf::Type::kRoughDielectric);
+    scene.bsdfs.back().alpha_u = scene.bsdfs.back().alpha_v = 0.3f;
+    const int plastic = add_material(scene, Bsdf::Type::kPlastic);
+    scene.bsdfs.back().reflectance = {0.6f, 0.2f, 0.4f};
+    scene.bsdfs.back().nonlinear = true;
     using Type = Shape::Type;
+    add_shape(scene, Type::kSphere, translate(-0.2f, -0.8f, 0.6f) * scale(0.2f), frosted);
+    add_shape(scene, Type::kCube, translate(-0.65f, 0.75f, 0.2f) * rotate(1, 40) * scale(0.15f),
+              plastic);
     add_shape(scene, Type::kSphere, translate(-0.55f, -0.7f, 0.3f) * scale(0.3f), glass);
     add_shape(scene, Type::kSphere, translate(0.55f, -0.7f, -0.4f) * scale(0.3f), mirror);
     add_shape(scene, Type::kCube, translate(0.5f, -0.75f, 0.45f) * rotate(1, 30) * scale(0.25f),

@@ -125,6 +125,16 @@ const BadScene kBadScenes[] = {
      "int_ior must be in (0.01, 100]"},
     {"two_sided_glass", "<bsdf type='twosided'><bsdf type='dielectric'/></bsdf>",
      "a material that lets light through cannot be inside"},
+    {"two_sided_rough_glass",
+     "<bsdf type='twosided'><bsdf type='roughdielectric'><string name='distribution' "
+     "value='ggx'/></bsdf></bsdf>",
+     "a material that lets light through cannot be inside"},
+    {"plastic_of_air",
+     "<bsdf type='plastic'><float name='int_ior' value='1.2'/><float name='ext_ior' "
+     "value='1.2'/></bsdf>",
+     "int_ior and ext_ior must differ"},
+    {"rough_glass_beckmann", "<bsdf type='roughdielectric'/>",
+     "distribution \"beckmann\" is not supported"},
     {"two_sided_nothing", "<bsdf type='twosided'/>", "needs a material inside"},
     {"two_sided_itself", "<bsdf type='twosided' id='a'><ref id='a'/></bsdf>", "refers to itself"},
     {"two_sided_loop",
