@@ -44,6 +44,9 @@
 #ifndef PAVE_HAS_ROUGH_DIELECTRIC
 #define PAVE_HAS_ROUGH_DIELECTRIC 1
 #endif
+#ifndef PAVE_HAS_TEXTURES /* colours that vary over a surface */
+#define PAVE_HAS_TEXTURES 1
+#endif
 #ifndef PAVE_HAS_TWO_SIDED
 #define PAVE_HAS_TWO_SIDED 1
 #endif

@@ -3,7 +3,7 @@
 // wi points back along the path, wo onwards, both in the local frame of the shading normal (+z).
 // Definitions are Mitsuba 3's, in its radiance transport mode.
 #pragma once
-#include "vertex.h"
+#include "texture.h"
 
 typedef struct {
     vint bits;
@@ -73,6 +73,15 @@ static inline Material material_of(const Scene* s, const Vertex* v) {
 #endif
         m.reflectance = vec3_of(r2.s0, r2.s1, r2.s2);
         m.transmittance = vec3_of(r2.s4, r2.s5, r2.s6);
+#if PAVE_HAS_TEXTURES
+        const vmask textured = other & bits_textured(v->bits);
+        if (lane_any(textured)) {
+            const vint first = textured ? as_vint(r2.s3) : splat_int(-1),
+                       second = textured ? as_vint(r2.s7) : splat_int(-1);
+            m.reflectance = mul3(m.reflectance, texture_colour(s, first, v->tu, v->tv));
+            m.transmittance = mul3(m.transmittance, texture_colour(s, second, v->tu, v->tv));
+        }
+#endif
     }
 #endif
     return m;

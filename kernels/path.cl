@@ -230,7 +230,10 @@ static inline void add_light_sample(const Scene* s, Paths* paths, vmask on, cons
 static inline void extend_paths(const Scene* s, const Queue* q, Paths* paths) {
     __constant const PathParams* p = s->p;
     const Hit hit = trace_closest(s, paths->o, paths->d, paths->alive, paths->skip);
-    const Vertex v = vertex_of(s, &hit, paths->o, paths->d);
+    Vertex v = vertex_of(s, &hit, paths->o, paths->d);
+#if PAVE_HAS_TEXTURES
+    apply_textures(s, &hit, &v);
+#endif
     record_vertex(s, paths, &v, hit.t);
     add_emission(s, paths, &v);
     // Channels that see only the first vertices need no longer paths, but albedo follows specular

@@ -121,6 +121,9 @@ static inline Material material_of_surface(const Scene* s, int surface) {
     v.valid = mask_of(1);
     v.bits = as_vint(r.s3);
     v.albedo = vec3_of(r.s4, r.s5, r.s6);
+#if PAVE_HAS_TEXTURES
+    v.tu = v.tv = splat(0.0f);
+#endif
     return material_of(s, &v);
 }
 
@@ -151,6 +154,17 @@ __kernel void eval_bsdf_many(__constant const PathParams* p, __global const floa
     store3(out, count, i, f);
     lane_store(pdf, out + 3 * count + i);
 }
+
+#if PAVE_HAS_TEXTURES
+/// in: u, v; out: colour (3).
+__kernel void texture_many(__constant const PathParams* p, __global const float8* tables,
+                           int texture, __global const float* in, __global float* out, int count) {
+    const Scene s = scene_of(p, 0, 0, tables, 0);
+    const int i = FIRST;
+    store3(out, count, i,
+           texture_colour(&s, splat_int(texture), lane_load(in + i), lane_load(in + count + i)));
+}
+#endif
 
 /// Light samples from point `at`. out: wi (3), pdf, radiance (3), end (3).
 __kernel void sample_light_many(__constant const PathParams* p, __global const float8* tables,

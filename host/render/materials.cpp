@@ -48,7 +48,34 @@ double diffuse_fresnel(double eta) {
     return sum;
 }
 
-double mean(const Rgb& rgb) { return (static_cast<double>(rgb[0]) + rgb[1] + rgb[2]) / 3; }
+/// Of a colour and its texture.
+double mean(const Scene& scene, const Rgb& rgb, int texture) {
+    Rgb factor{1, 1, 1};
+    if (texture >= 0) factor = mean_colour(scene.textures[static_cast<size_t>(texture)]);
+    double sum = 0;
+    for (size_t c = 0; c < 3; ++c) sum += static_cast<double>(rgb[c]) * factor[c];
+    return sum / 3;
+}
+
+float texture_bits(int texture) { return as_float_bits(static_cast<uint32_t>(texture)); }
+
+/// The texture that a material's albedo is a factor of. A rough dielectric's has two colours: that
+/// of the light that goes through counts.
+int albedo_texture(const Bsdf& bsdf) {
+    switch (bsdf.type) {
+        case Bsdf::Type::kDiffuse:
+        case Bsdf::Type::kPlastic:
+            return bsdf.reflectance_texture;
+        case Bsdf::Type::kRoughConductor:
+            return bsdf.specular_reflectance_texture;
+        case Bsdf::Type::kRoughDielectric:
+            return bsdf.specular_transmittance_texture;
+        case Bsdf::Type::kConductor:
+        case Bsdf::Type::kDielectric:
+            return -1;
+    }
+    return -1;
+}
 
 Rgb albedo_of(const Bsdf& bsdf) {
     Rgb albedo{0, 0, 0};
@@ -73,10 +100,11 @@ Rgb albedo_of(const Bsdf& bsdf) {
 }
 
 /// Second row of a material: a conductor's index, or what plastic needs beside its own.
-Row second_row(const Bsdf& b) {
+Row second_row(const Scene& scene, const Bsdf& b) {
     if (b.type != Bsdf::Type::kPlastic)
         return {b.eta[0], b.eta[1], b.eta[2], 0, b.k[0], b.k[1], b.k[2], 0};
-    const double specular = mean(b.specular_reflectance), base = mean(b.reflectance);
+    const double specular = mean(scene, b.specular_reflectance, b.specular_reflectance_texture),
+                 base = mean(scene, b.reflectance, b.reflectance_texture);
     const double share = specular + base > 0 ? specular / (specular + base) : 0.5;
     return {static_cast<float>(diffuse_fresnel(1.0 / relative_index(b))), static_cast<float>(share),
             b.nonlinear ? 1.0f : 0.0f};
@@ -87,7 +115,7 @@ Row second_row(const Bsdf& b) {
 uint32_t surface_bits(const Scene& scene, const Shape& shape, int kind, bool inverted) {
     const Bsdf& bsdf = scene.bsdfs[static_cast<size_t>(shape.bsdf)];
     return make_bits(shape.bsdf, kernel_type(bsdf.type), bsdf.two_sided, emits(shape), kind,
-                     inverted);
+                     inverted, has_texture(bsdf));
 }
 
 void add_materials(const Scene& scene, SceneData& data) {
@@ -99,12 +127,19 @@ void add_materials(const Scene& scene, SceneData& data) {
             throw InputError(name_of(scene, shape) + ": material " + std::to_string(shape.bsdf) +
                              " of " + std::to_string(scene.bsdfs.size()));
     for (const Bsdf& b : scene.bsdfs) {
+        for (const int texture : {b.reflectance_texture, b.specular_reflectance_texture,
+                                  b.specular_transmittance_texture})
+            if (texture < -1 || texture >= static_cast<int>(scene.textures.size()))
+                throw InputError("scene '" + scene.name + "': texture " + std::to_string(texture) +
+                                 " of " + std::to_string(scene.textures.size()));
         const Rgb a = albedo_of(b);
         const Rgb &r = b.specular_reflectance, &t = b.specular_transmittance;
-        data.bsdfs.push_back({a[0], a[1], a[2], 0, std::max(b.alpha_u, kLeastAlpha),
-                              std::max(b.alpha_v, kLeastAlpha), relative_index(b), 0});
-        data.bsdfs.push_back(second_row(b));
-        data.bsdfs.push_back({r[0], r[1], r[2], 0, t[0], t[1], t[2], 0});
+        data.bsdfs.push_back({a[0], a[1], a[2], texture_bits(albedo_texture(b)),
+                              std::max(b.alpha_u, kLeastAlpha), std::max(b.alpha_v, kLeastAlpha),
+                              relative_index(b), 0});
+        data.bsdfs.push_back(second_row(scene, b));
+        data.bsdfs.push_back({r[0], r[1], r[2], texture_bits(b.specular_reflectance_texture), t[0],
+                              t[1], t[2], texture_bits(b.specular_transmittance_texture)});
     }
 }
 

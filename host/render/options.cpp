@@ -168,6 +168,8 @@ kernel::PathParams make_params(const SceneData& data, const Scene& scene, const 
     p.normals_row = p.triangle_row + rows_of(data.triangles);
     p.bsdf_row = p.normals_row + rows_of(data.normals);
     p.light_row = p.bsdf_row + rows_of(data.bsdfs);
+    p.uv_row = p.light_row + rows_of(data.lights);
+    p.texture_row = p.uv_row + rows_of(data.uvs);
     p.leaf_row = rows_of(data.nodes);
     return p;
 }
@@ -198,6 +200,8 @@ std::vector<Row> pack_tables(const SceneData& data) {
     append(rows, data.normals);
     append(rows, data.bsdfs);
     append(rows, data.lights);
+    append(rows, data.uvs);
+    append(rows, data.textures);
     return rows;
 }
 

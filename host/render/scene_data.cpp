@@ -77,6 +77,7 @@ void add_features(const Scene& scene, SceneData& data, const RendererPaths& path
         return std::any_of(scene.bsdfs.begin(), scene.bsdfs.end(), test);
     };
     set("PAVE_HAS_ANISOTROPIC", any_bsdf([](const Bsdf& b) { return b.alpha_u != b.alpha_v; }));
+    set("PAVE_HAS_TEXTURES", any_bsdf([](const Bsdf& b) { return has_texture(b); }));
     set("PAVE_HAS_TWO_SIDED", any_bsdf([](const Bsdf& b) { return b.two_sided; }));
     set("PAVE_HAS_QUAD_LIGHT", has_light(data, LIGHT_QUAD));
     set("PAVE_HAS_TRIANGLE_LIGHT", has_light(data, LIGHT_TRIANGLE));
@@ -89,6 +90,7 @@ void add_features(const Scene& scene, SceneData& data, const RendererPaths& path
 SceneData build_scene_data(const Scene& scene, const RendererPaths& paths) {
     SceneData data;
     std::vector<LightSource> lights;
+    add_textures(scene, data);
     add_materials(scene, data);
     add_shapes(scene, data, lights);
     add_triangles(scene, data, lights);
@@ -108,6 +110,8 @@ SceneData build_scene_data(const Scene& scene, const RendererPaths& paths) {
     if (data.normals.empty()) data.normals.resize(NORMALS_ROWS);
     if (data.bsdfs.empty()) data.bsdfs.resize(BSDF_ROWS);
     if (data.lights.empty()) data.lights.resize(LIGHT_ROWS);
+    if (data.uvs.empty()) data.uvs.resize(UV_ROWS);
+    if (data.textures.empty()) data.textures.resize(TEXTURE_ROWS);
     return data;
 }
 

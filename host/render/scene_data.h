@@ -36,6 +36,7 @@ struct SceneData {
         true;  // and stored once a lane; programs for any scene read them as plain floats
 
     std::vector<Row> surfaces, triangles, normals, bsdfs, lights;
+    std::vector<Row> uvs, textures;                            // empty in a scene without textures
     std::vector<std::array<std::array<float, 3>, 3>> corners;  // of the triangles, for the tree
     int surface_count = 0, light_count = 0;  // tables have one empty entry where the scene has none
     std::vector<uint32_t> light_cdf;
@@ -69,6 +70,10 @@ struct LightSource {
     int normals = -1;
 };
 void add_materials(const Scene& scene, SceneData& data);
+/// Textures and their texels.
+void add_textures(const Scene& scene, SceneData& data);
+/// Mean colour of a texture.
+Rgb mean_colour(const Texture& texture);
 void add_shapes(const Scene& scene, SceneData& data, std::vector<LightSource>& lights);
 void add_triangles(const Scene& scene, SceneData& data, std::vector<LightSource>& lights);
 void add_lights(const Scene& scene, SceneData& data, std::vector<LightSource> lights);

@@ -48,6 +48,12 @@ void add_triangles(const Scene& scene, SceneData& data, std::vector<LightSource>
         const Mesh& mesh = shape.mesh;
         const auto object = static_cast<uint32_t>(&shape - scene.shapes.data());
         const bool smooth = !mesh.normals.empty();
+        const bool textured = has_texture(scene.bsdfs[static_cast<size_t>(shape.bsdf)]);
+        if (textured && mesh.texcoords.size() != mesh.positions.size())
+            throw InputError(name_of(scene, shape) +
+                             ": its material has a texture, but there are " +
+                             std::to_string(mesh.texcoords.size()) + " texture coordinates for " +
+                             std::to_string(mesh.positions.size()) + " vertices");
         if (smooth && mesh.normals.size() != mesh.positions.size())
             throw InputError(name_of(scene, shape) + ": " + std::to_string(mesh.normals.size()) +
                              " normals for " + std::to_string(mesh.positions.size()) + " vertices");
@@ -74,11 +80,18 @@ void add_triangles(const Scene& scene, SceneData& data, std::vector<LightSource>
                 data.normals.push_back(row_of(n[0], 0, n[1], 0));
                 data.normals.push_back(row_of(n[2], 0, {0, 0, 0}, 0));
             }
+            const int uvs = textured ? static_cast<int>(data.uvs.size()) : -1;
+            if (textured) {
+                const auto &a = mesh.texcoords[vertex[0]], &b = mesh.texcoords[vertex[1]],
+                           &c = mesh.texcoords[vertex[2]];
+                data.uvs.push_back({a[0], a[1], b[0], b[1], c[0], c[1], 0, 0});
+            }
             const uint32_t bits = surface_bits(scene, shape, SURFACE_FLAT, false);
             data.triangles.push_back(row_of(corners[0], as_float_bits(bits), corners[1],
                                             as_float_bits(static_cast<uint32_t>(lights.size()))));
             data.triangles.push_back(row_of(corners[2], as_float_bits(object),
-                                            {as_float_bits(static_cast<uint32_t>(normals)), 0, 0},
+                                            {as_float_bits(static_cast<uint32_t>(normals)),
+                                             as_float_bits(static_cast<uint32_t>(uvs)), 0},
                                             0));
             data.corners.push_back(corners);
             if (emits(shape)) lights.push_back(light_of(corners, shape.radiance, normals));

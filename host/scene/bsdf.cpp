@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cctype>
 
-#include "host/scene/colour.h"
 #include "host/scene/text.h"
 
 namespace pave {
@@ -99,8 +98,7 @@ Bsdf BsdfReader::read_type(pugi::xml_node node) {
     const std::string& type = properties.type();
     Bsdf bsdf;
     if (type == "diffuse") {
-        bsdf.reflectance =
-            read_colour(properties, "reflectance", ColourUse::kReflectance, bsdf.reflectance);
+        read_reflectance(properties, "reflectance", bsdf.reflectance, bsdf.reflectance_texture);
     } else if (type == "twosided") {
         bsdf = read_two_sided(properties);
     } else if (type == "conductor" || type == "roughconductor") {
@@ -134,6 +132,21 @@ Bsdf BsdfReader::read_two_sided(Properties& properties) {
     return bsdf;
 }
 
+void BsdfReader::read_reflectance(Properties& properties, const std::string& name, Rgb& colour,
+                                  int& texture) {
+    for (const char* tag : {"texture", "ref"})
+        for (const pugi::xml_node node : properties.take_objects(tag, name)) {
+            if (texture >= 0 || properties.has(name))
+                file_.fail(node, quote(name) + " is given twice");
+            texture = textures_.find(node);
+            if (texture >= 0) colour = {1, 1, 1};
+        }
+    if (texture < 0)
+        colour = read_colour(properties, name, ColourUse::kReflectance, colour);
+    else
+        properties.accept({name.c_str()});
+}
+
 Bsdf BsdfReader::read_conductor(Properties& properties) {
     Bsdf bsdf;
     const bool is_rough = properties.type() == "roughconductor";
@@ -144,10 +157,10 @@ Bsdf BsdfReader::read_conductor(Properties& properties) {
         file_.unsupported(material_node,
                           "material " + quote(material) +
                               " needs tables over wavelengths: give eta and k as <rgb>");
+    read_reflectance(properties, "specular_reflectance", bsdf.specular_reflectance,
+                     bsdf.specular_reflectance_texture);
     bsdf.eta = read_colour(properties, "eta", ColourUse::kIndexOfRefraction, bsdf.eta);
     bsdf.k = read_colour(properties, "k", ColourUse::kIndexOfRefraction, bsdf.k);
-    bsdf.specular_reflectance = read_colour(properties, "specular_reflectance",
-                                            ColourUse::kReflectance, bsdf.specular_reflectance);
     if (is_rough) read_roughness(properties, bsdf);
     return bsdf;
 }
@@ -212,10 +225,10 @@ Bsdf BsdfReader::read_dielectric(Properties& properties) {
     const bool is_rough = properties.type() == "roughdielectric";
     bsdf.type = is_rough ? Bsdf::Type::kRoughDielectric : Bsdf::Type::kDielectric;
     read_indices(properties, bsdf);
-    bsdf.specular_reflectance = read_colour(properties, "specular_reflectance",
-                                            ColourUse::kReflectance, bsdf.specular_reflectance);
-    bsdf.specular_transmittance = read_colour(properties, "specular_transmittance",
-                                              ColourUse::kReflectance, bsdf.specular_transmittance);
+    read_reflectance(properties, "specular_reflectance", bsdf.specular_reflectance,
+                     bsdf.specular_reflectance_texture);
+    read_reflectance(properties, "specular_transmittance", bsdf.specular_transmittance,
+                     bsdf.specular_transmittance_texture);
     if (is_rough) read_roughness(properties, bsdf);
     return bsdf;
 }
@@ -225,10 +238,9 @@ Bsdf BsdfReader::read_plastic(Properties& properties) {
     bsdf.type = Bsdf::Type::kPlastic;
     bsdf.int_ior = kIndices.at("polypropylene");
     read_indices(properties, bsdf);
-    bsdf.reflectance =
-        read_colour(properties, "diffuse_reflectance", ColourUse::kReflectance, bsdf.reflectance);
-    bsdf.specular_reflectance = read_colour(properties, "specular_reflectance",
-                                            ColourUse::kReflectance, bsdf.specular_reflectance);
+    read_reflectance(properties, "diffuse_reflectance", bsdf.reflectance, bsdf.reflectance_texture);
+    read_reflectance(properties, "specular_reflectance", bsdf.specular_reflectance,
+                     bsdf.specular_reflectance_texture);
     bsdf.nonlinear = properties.boolean("nonlinear", false);
     return bsdf;
 }
