@@ -17,7 +17,7 @@ typedef struct {
     vfloat bsdf_pdf;  // density of d; INFINITY: light samples could not have found it
     vint depth;       // edges before this ray
     vint skip;        // id that the ray starts on
-#if PAVE_HAS_DIELECTRIC
+#if PAVE_HAS_REFRACTION
     vfloat eta;  // product of index ratios, so that roulette does not mistake refraction for loss
 #endif
 #if PAVE_HAS_SPECULAR
@@ -33,7 +33,7 @@ static inline Paths no_paths(void) {
     p.o = p.d = p.throughput = splat3(0.0f, 0.0f, 0.0f);
     p.bsdf_pdf = splat(1.0f);
     p.depth = p.skip = splat_int(0);
-#if PAVE_HAS_DIELECTRIC
+#if PAVE_HAS_REFRACTION
     p.eta = splat(1.0f);
 #endif
 #if PAVE_HAS_SPECULAR
@@ -53,7 +53,7 @@ static inline void start_paths(const Scene* s, const Schedule* w, Paths* paths, 
     paths->bsdf_pdf = fresh ? splat(INFINITY) : paths->bsdf_pdf;
     paths->depth = fresh ? splat_int(0) : paths->depth;
     paths->skip = fresh ? splat_int(-1) : paths->skip;
-#if PAVE_HAS_DIELECTRIC
+#if PAVE_HAS_REFRACTION
     paths->eta = fresh ? splat(1.0f) : paths->eta;
 #endif
 #if PAVE_HAS_SPECULAR
@@ -169,7 +169,10 @@ static inline void extend_paths(const Scene* s, const PhiloxKeys* keys, const Sc
     // First, so that their long chain of multiplications runs beside the intersections.
     const VertexNumbers n = vertex_numbers(s, keys, image_pixel(s, w), w->sample_of, paths->depth);
     const Hit hit = trace_closest(s, paths->o, paths->d, paths->alive, paths->skip);
-    const Vertex v = vertex_of(s, &hit, paths->o, paths->d);
+    Vertex v = vertex_of(s, &hit, paths->o, paths->d);
+#if PAVE_HAS_TEXTURES
+    apply_textures(s, &hit, &v);
+#endif
     record_vertex(s, paths, film, &v, hit.t, w->sample_of);
     add_emission(s, paths, film, &v);
     vint limit = splat_int(p->shade_depth);
@@ -182,7 +185,8 @@ static inline void extend_paths(const Scene* s, const PhiloxKeys* keys, const Sc
     const Basis basis = basis_of_vertex(s, &v);
     const vec3 wi = to_local(basis, neg3(paths->d));
     const Material m = material_of(s, &v);
-    const BsdfSample b = sample_bsdf(&m, wi, unit_float(n.u.z), unit_float(n.u.w));
+    const BsdfSample b =
+        sample_bsdf(&m, wi, unit_float(n.u.z), unit_float(n.u.w), unit_float(n.lobe));
     const vec3 d = to_world(basis, b.wo), o = leave_surface(v.p, v.n_geom, v.offset, d);
 #if PAVE_HAS_LIGHTS
     const vmask diffusing = on & lane_not(is_specular(v.bits));
@@ -196,7 +200,7 @@ static inline void extend_paths(const Scene* s, const PhiloxKeys* keys, const Sc
     paths->depth += 1;
     const vfloat brightest = max_component(paths->throughput);
     vfloat survival = brightest;
-#if PAVE_HAS_DIELECTRIC
+#if PAVE_HAS_REFRACTION
     paths->eta *= b.eta;
     survival *= square(paths->eta);
 #endif

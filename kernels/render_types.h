@@ -110,14 +110,25 @@ PAVE_SIZEOF(SphereShape, 32);
 //   { tangent xyz (disk: center), light (int), object (int), -, -, - }
 // triangle, 2 rows:
 //   { v0 xyz, BITS, v1 xyz, light (int) }
-//   { v2 xyz, object (int), normals (int, -1: flat), -, -, - }
+//   { v2 xyz, object (int), normals (int, -1: flat), uvs (int, row of them, -1: none), -, - }
 // normals, 2 rows:
 //   { n0 xyz, -, n1 xyz, - }
 //   { n2 xyz, -, -, -, -, - }
-// bsdf, 3 rows:
-//   { albedo rgb, -, alpha_u, alpha_v, eta (inside over outside), - }
-//   { eta rgb, -, k rgb, - }
-//   { reflectance rgb, -, transmittance rgb, - }
+// bsdf, 3 rows; a colour with a texture is a factor of it:
+//   { albedo rgb, its texture (int, -1: none), alpha_u, alpha_v, eta (inside over outside), - }
+//   { eta rgb, -, k rgb, - }; plastic: { reflectance from inside, share of the specular lobe,
+//     nonlinear (0 or 1), -, -, -, -, - }
+//   { reflectance rgb, its texture, transmittance rgb, its texture }
+// uvs, only in scenes with textures; 2 rows a surface, which give a world point's coordinates:
+//   { x: linear part xyz, offset; y: the same }; { z, of spheres: the same, -, -, -, - }
+//   x, y: (u, v) of flat ones, else object coordinates. Then 1 row a triangle that has them:
+//   { uv of v0, of v1, of v2, -, - }
+// texture, 3 rows:
+//   { TEXTURE_* kind, width, height, first row of texels, of the 256 values of a byte, TEXTURE_*
+//     wrap, TEXTURE_* filter (all int; rows counted from the table's first), - }
+//   { texture coordinates from (u, v): x = m0 u + m1 v + m2, y = m3 u + m4 v + m5; -, - }
+//   { checkers: colour rgb, -, other colour rgb, - }
+//   then what they name: texels as bytes r, g, b, - or floats r, g, b, -; values of bytes
 // light, 3 rows:
 //   { p xyz, KIND (int), e1 xyz, pmf }
 //   { e2 xyz, radius, normal xyz, pdf by area (with pmf) }
@@ -130,31 +141,46 @@ PAVE_SIZEOF(SphereShape, 32);
 #define NORMALS_ROWS 2
 #define BSDF_ROWS 3
 #define LIGHT_ROWS 3
+#define UV_ROWS 2
+#define TEXTURE_ROWS 3
+
+#define TEXTURE_CHECKERS 0
+#define TEXTURE_BYTES 1
+#define TEXTURE_FLOATS 2
+#define TEXTURE_REPEAT 0
+#define TEXTURE_MIRROR 1
+#define TEXTURE_CLAMP 2
+#define TEXTURE_BILINEAR 0
+#define TEXTURE_NEAREST 1
 
 // Sobol table, behind the other tables: for each sample and vertex a row
-//   { light u1, u2, bsdf u1, u2, camera x, y, choice of the light, - }
+//   { light u1, u2, bsdf u1, u2, camera x, y, choice of the light, lobe of a rough dielectric }
 #define SOBOL_SAMPLES 1024
 #define SOBOL_VERTICES 2
 
-// BITS: [23:0] bsdf, [25:24] BSDF_* type, [26] two sided, [27] emits, [29:28] SURFACE_* kind, [30]
-// sphere seen from inside out
+// BITS: [22:0] bsdf, [25:23] BSDF_* type, [26] two sided, [27] emits, [29:28] SURFACE_* kind, [30]
+// sphere seen from inside out, [31] has a texture
 #define BSDF_DIFFUSE 0
 #define BSDF_CONDUCTOR 1
 #define BSDF_ROUGH_CONDUCTOR 2
 #define BSDF_DIELECTRIC 3
+#define BSDF_PLASTIC 4
+#define BSDF_ROUGH_DIELECTRIC 5
 #define SURFACE_FLAT 0
 #define SURFACE_DISK 1
 #define SURFACE_SPHERE 2
-#define MAX_BSDFS 0x1000000
-#define make_bits(bsdf, type, two_sided, emits, kind, inverted)                \
-    ((PAVE_U32)(bsdf) | (PAVE_U32)(type) << 24 | (PAVE_U32)(two_sided) << 26 | \
-     (PAVE_U32)(emits) << 27 | (PAVE_U32)(kind) << 28 | (PAVE_U32)(inverted) << 30)
-#define bits_bsdf(b) ((b)&0xffffff)
-#define bits_type(b) (((b) >> 24) & 3)
+#define MAX_BSDFS 0x800000
+#define make_bits(bsdf, type, two_sided, emits, kind, inverted, textured)            \
+    ((PAVE_U32)(bsdf) | (PAVE_U32)(type) << 23 | (PAVE_U32)(two_sided) << 26 |       \
+     (PAVE_U32)(emits) << 27 | (PAVE_U32)(kind) << 28 | (PAVE_U32)(inverted) << 30 | \
+     (PAVE_U32)(textured) << 31)
+#define bits_bsdf(b) ((b)&0x7fffff)
+#define bits_type(b) (((b) >> 23) & 7)
 #define bits_two_sided(b) (((b) & (1 << 26)) != 0)
 #define bits_emits(b) (((b) & (1 << 27)) != 0)
 #define bits_kind(b) (((b) >> 28) & 3)
 #define bits_inverted(b) (((b) & (1 << 30)) != 0)
+#define bits_textured(b) ((b) < 0)  // of the int that a kernel has
 
 #define LIGHT_QUAD 0
 #define LIGHT_TRIANGLE 1
@@ -218,10 +244,10 @@ PAVE_STRUCT(PathParams) {
     // First rows in their buffers.
     PAVE_U32 flat_row, axis_rect_row, axis_cube_row, cube_row, sphere_row;  // shapes
     PAVE_U32 surface_row, triangle_row, normals_row, bsdf_row, light_row;   // tables
-    PAVE_U32 sobol_row;
+    PAVE_U32 uv_row, texture_row, sobol_row;
     PAVE_U32 leaf_row;  // tree; nodes begin at row 0
 };
-PAVE_SIZEOF(PathParams, 336);
+PAVE_SIZEOF(PathParams, 344);
 
 #ifndef __OPENCL_VERSION__
 }  // namespace pave::kernel

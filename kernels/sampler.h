@@ -15,12 +15,14 @@
 #define block_of_vertex(depth) \
     (splat_uint(1u) + ((depth) << 1)) /* x, y: light; z, w: BSDF; rest: roulette */
 #define block_of_light(depth) \
-    (splat_uint(2u) + ((depth) << 1)) /* x: which light, if there are several */
+    (splat_uint(2u) +         \
+     ((depth) << 1)) /* x: which light, if there are several; y: lobe of a rough dielectric */
 
 /// Numbers of one vertex, 32 random bits each.
 typedef struct {
     Philox u;      // x, y: light; z, w: BSDF
     vuint choice;  // of the light, if there are several
+    vuint lobe;    // of a rough dielectric
 } VertexNumbers;
 
 /// Place in the pixel.
@@ -108,7 +110,7 @@ static inline CameraNumbers camera_numbers(const Scene* s, const PhiloxKeys* key
 static inline VertexNumbers vertex_numbers(const Scene* s, const PhiloxKeys* keys, vuint pixel,
                                            vuint sample, vint depth) {
     VertexNumbers n;
-    n.choice = splat_uint(0);
+    n.choice = n.lobe = splat_uint(0);
 #if PAVE_SOBOL
     const vmask tabled = depth < SOBOL_VERTICES;
     const vuint index = tabled ? table_block(sample) : sample;
@@ -116,8 +118,10 @@ static inline VertexNumbers vertex_numbers(const Scene* s, const PhiloxKeys* key
     const vuint index = sample;
 #endif
     n.u = draw(s, keys, pixel, index, block_of_vertex(as_vuint(depth)));
-#if !PAVE_ONE_LIGHT
-    n.choice = draw(s, keys, pixel, index, block_of_light(as_vuint(depth))).x;
+#if !PAVE_ONE_LIGHT || PAVE_HAS_ROUGH_DIELECTRIC
+    const Philox more = draw(s, keys, pixel, index, block_of_light(as_vuint(depth)));
+    n.choice = more.x;
+    n.lobe = more.y;
 #endif
 #if PAVE_SOBOL
     const Row row = sobol_row(s, sample, tabled ? depth : splat_int(SOBOL_VERTICES - 1));
@@ -126,6 +130,7 @@ static inline VertexNumbers vertex_numbers(const Scene* s, const PhiloxKeys* key
     n.u.z ^= tabled ? as_vuint(row.s2) : splat_uint(0);
     n.u.w ^= tabled ? as_vuint(row.s3) : splat_uint(0);
     n.choice ^= tabled ? as_vuint(row.s6) : splat_uint(0);
+    n.lobe ^= tabled ? as_vuint(row.s7) : splat_uint(0);
 #endif
     return n;
 }

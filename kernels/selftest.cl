@@ -124,6 +124,9 @@ static inline Material material_of_surface(const Scene* s, int surface) {
     v.valid = mask_of(1);
     v.bits = as_vint(r.s3);
     v.albedo = vec3_of(r.s4, r.s5, r.s6);
+#if PAVE_HAS_TEXTURES
+    v.tu = v.tv = splat(0.0f);
+#endif
     return material_of(s, &v);
 }
 
@@ -134,8 +137,8 @@ __kernel void sample_bsdf_many(__constant const PathParams* p, __global const fl
     const int i = FIRST;
     const Material m = material_of_surface(&s, surface);
     const Philox r = numbers(i, seed);
-    const BsdfSample b =
-        sample_bsdf(&m, splat3(wi.x, wi.y, wi.z), unit_float(r.x), unit_float(r.y));
+    const BsdfSample b = sample_bsdf(&m, splat3(wi.x, wi.y, wi.z), unit_float(r.x), unit_float(r.y),
+                                     unit_float(r.z));
     store3(out, count, i, b.wo);
     store3(out + 3 * count, count, i, b.weight);
     lane_store(b.pdf, out + 6 * count + i);
@@ -154,6 +157,17 @@ __kernel void eval_bsdf_many(__constant const PathParams* p, __global const floa
     store3(out, count, i, f);
     lane_store(pdf, out + 3 * count + i);
 }
+
+#if PAVE_HAS_TEXTURES
+/// in: u, v; out: colour (3).
+__kernel void texture_many(__constant const PathParams* p, __global const float8* tables,
+                           int texture, __global const float* in, __global float* out, int count) {
+    const Scene s = scene_of(p, 0, 0, tables, 0);
+    const int i = FIRST;
+    store3(out, count, i,
+           texture_colour(&s, splat_int(texture), lane_load(in + i), lane_load(in + count + i)));
+}
+#endif
 
 /// Light samples from point `at`. out: wi (3), pdf, radiance (3), end (3).
 __kernel void sample_light_many(__constant const PathParams* p, __global const float8* tables,

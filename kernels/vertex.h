@@ -19,6 +19,9 @@ typedef struct {
     vint light;  // triangles only; see light_of_vertex
     vint id;
     vfloat offset;
+#if PAVE_HAS_TEXTURES
+    vfloat tu, tv;  // texture coordinates, where the material has a texture
+#endif
 } Vertex;
 
 static inline vfloat offset_at(const Scene* s, vfloat scale) {

@@ -155,7 +155,9 @@ void set_scene_params(kernel::PathParams& p, const SceneData& data, int lanes) {
     p.normals_row = p.triangle_row + rows_of(data.triangles);
     p.bsdf_row = p.normals_row + rows_of(data.normals);
     p.light_row = p.bsdf_row + rows_of(data.bsdfs);
-    p.sobol_row = p.light_row + rows_of(data.lights);
+    p.uv_row = p.light_row + rows_of(data.lights);
+    p.texture_row = p.uv_row + rows_of(data.uvs);
+    p.sobol_row = p.texture_row + rows_of(data.textures);
     p.leaf_row = static_cast<uint32_t>(data.leaf_row);
 }
 
@@ -208,6 +210,8 @@ std::vector<Row> pack_tables(const SceneData& data) {
     append(rows, data.normals);
     append(rows, data.bsdfs);
     append(rows, data.lights);
+    append(rows, data.uvs);
+    append(rows, data.textures);
     append(rows, sobol_rows());
     return rows;
 }

@@ -122,7 +122,8 @@ std::vector<Shape> parts_of(const Shape& shape, const Bsdf& bsdf) {
     if (!mesh.normals.empty() || mesh.triangles.empty() || mesh.triangles.size() > kMostTriangles ||
         shape.flip_normals)
         return {};
-    // The tangents of meshes run otherwise than those of shapes.
+    // Tangents and texture coordinates of meshes run otherwise than those of shapes.
+    if (has_texture(bsdf)) return {};
     if (bsdf.type == Bsdf::Type::kRoughConductor && bsdf.alpha_u != bsdf.alpha_v) return {};
     double extent = 0;
     for (const auto& triangle : mesh.triangles) {

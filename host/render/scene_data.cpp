@@ -1,5 +1,4 @@
-// Puts a scene's parts together for the device: materials, bounds, and the features its programs
-// need.
+// Puts a scene's parts together for the device: bounds, and the features its programs need.
 // SPDX-License-Identifier: BSD-3-Clause
 #include "host/render/scene_data.h"
 
@@ -11,37 +10,6 @@
 
 namespace pave {
 namespace {
-
-constexpr float kLeastAlpha = 1e-4f;  // as in Mitsuba: below it float32 cannot hold the lobe
-
-int kernel_type(Bsdf::Type type) {
-    switch (type) {
-        case Bsdf::Type::kDiffuse:
-            return BSDF_DIFFUSE;
-        case Bsdf::Type::kConductor:
-            return BSDF_CONDUCTOR;
-        case Bsdf::Type::kRoughConductor:
-            return BSDF_ROUGH_CONDUCTOR;
-        case Bsdf::Type::kDielectric:
-            return BSDF_DIELECTRIC;
-    }
-    throw InternalError("material type " + std::to_string(static_cast<int>(type)));
-}
-
-/// Reflectance at normal incidence, the albedo of a rough conductor.
-float normal_reflectance(float eta, float k) {
-    const float below = (eta - 1) * (eta - 1) + k * k, above = (eta + 1) * (eta + 1) + k * k;
-    return above > 0 ? below / above : 1.0f;
-}
-
-Rgb albedo_of(const Bsdf& bsdf) {
-    if (bsdf.type == Bsdf::Type::kDiffuse) return bsdf.reflectance;
-    Rgb albedo{0, 0, 0};
-    if (bsdf.type == Bsdf::Type::kRoughConductor)
-        for (size_t c = 0; c < 3; ++c)
-            albedo[c] = bsdf.specular_reflectance[c] * normal_reflectance(bsdf.eta[c], bsdf.k[c]);
-    return albedo;
-}
 
 bool has_bsdf(const Scene& scene, Bsdf::Type type) {
     return std::any_of(scene.bsdfs.begin(), scene.bsdfs.end(),
@@ -83,30 +51,6 @@ std::string name_of(const Scene& scene, const Shape& shape) {
            (shape.id.empty() ? "" : " '" + shape.id + "'");
 }
 
-uint32_t surface_bits(const Scene& scene, const Shape& shape, int kind, bool inverted) {
-    const Bsdf& bsdf = scene.bsdfs[static_cast<size_t>(shape.bsdf)];
-    return make_bits(shape.bsdf, kernel_type(bsdf.type), bsdf.two_sided, emits(shape), kind,
-                     inverted);
-}
-
-void add_materials(const Scene& scene, SceneData& data) {
-    if (scene.bsdfs.size() >= MAX_BSDFS)
-        throw InputError("scene '" + scene.name + "': " + std::to_string(scene.bsdfs.size()) +
-                         " materials, at most " + std::to_string(MAX_BSDFS - 1));
-    for (const Shape& shape : scene.shapes)
-        if (shape.bsdf < 0 || static_cast<size_t>(shape.bsdf) >= scene.bsdfs.size())
-            throw InputError(name_of(scene, shape) + ": material " + std::to_string(shape.bsdf) +
-                             " of " + std::to_string(scene.bsdfs.size()));
-    for (const Bsdf& b : scene.bsdfs) {
-        const Rgb a = albedo_of(b);
-        const Rgb &n = b.eta, &k = b.k, &r = b.specular_reflectance, &t = b.specular_transmittance;
-        data.bsdfs.push_back({a[0], a[1], a[2], 0, std::max(b.alpha_u, kLeastAlpha),
-                              std::max(b.alpha_v, kLeastAlpha), b.int_ior / b.ext_ior, 0});
-        data.bsdfs.push_back({n[0], n[1], n[2], 0, k[0], k[1], k[2], 0});
-        data.bsdfs.push_back({r[0], r[1], r[2], 0, t[0], t[1], t[2], 0});
-    }
-}
-
 void add_features(const Scene& scene, SceneData& data, const RendererPaths& paths) {
     const auto set = [&](const char* name, int value) {
         data.features.insert_or_assign(name, value);
@@ -133,12 +77,13 @@ void add_features(const Scene& scene, SceneData& data, const RendererPaths& path
     set("PAVE_HAS_CONDUCTOR", has_bsdf(scene, Bsdf::Type::kConductor));
     set("PAVE_HAS_ROUGH", has_bsdf(scene, Bsdf::Type::kRoughConductor));
     set("PAVE_HAS_DIELECTRIC", has_bsdf(scene, Bsdf::Type::kDielectric));
+    set("PAVE_HAS_PLASTIC", has_bsdf(scene, Bsdf::Type::kPlastic));
+    set("PAVE_HAS_ROUGH_DIELECTRIC", has_bsdf(scene, Bsdf::Type::kRoughDielectric));
     const auto any_bsdf = [&](auto test) {
         return std::any_of(scene.bsdfs.begin(), scene.bsdfs.end(), test);
     };
-    set("PAVE_HAS_ANISOTROPIC", any_bsdf([](const Bsdf& b) {
-            return b.type == Bsdf::Type::kRoughConductor && b.alpha_u != b.alpha_v;
-        }));
+    set("PAVE_HAS_ANISOTROPIC", any_bsdf([](const Bsdf& b) { return b.alpha_u != b.alpha_v; }));
+    set("PAVE_HAS_TEXTURES", any_bsdf([](const Bsdf& b) { return has_texture(b); }));
     set("PAVE_HAS_TWO_SIDED", any_bsdf([](const Bsdf& b) { return b.two_sided; }));
     set("PAVE_HAS_QUAD_LIGHT", has_light(data, LIGHT_QUAD));
     set("PAVE_HAS_TRIANGLE_LIGHT", has_light(data, LIGHT_TRIANGLE));
@@ -153,6 +98,7 @@ SceneData build_scene_data(const Scene& scene, const RendererPaths& paths, bool 
     SceneData data;
     Workers workers;
     std::vector<LightSource> lights;
+    add_textures(scene, data);
     add_materials(scene, data);
     data.parts.resize(scene.shapes.size());
     if (paths.recognise_shapes) recognise_shapes(scene, data, most_shapes);
@@ -175,6 +121,8 @@ SceneData build_scene_data(const Scene& scene, const RendererPaths& paths, bool 
     if (data.normals.empty()) data.normals.resize(NORMALS_ROWS);
     if (data.bsdfs.empty()) data.bsdfs.resize(BSDF_ROWS);
     if (data.lights.empty()) data.lights.resize(LIGHT_ROWS);
+    if (data.uvs.empty()) data.uvs.resize(UV_ROWS);
+    if (data.textures.empty()) data.textures.resize(TEXTURE_ROWS);
     return data;
 }
 

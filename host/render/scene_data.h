@@ -46,7 +46,8 @@ struct SceneData {
         true;  // and stored once a lane; programs for any scene read them as plain floats
 
     std::vector<Row> surfaces, triangles, normals, bsdfs, lights;
-    Block<Corners> corners;  // of the triangles, for the tree
+    std::vector<Row> uvs, textures;  // empty in a scene without textures
+    Block<Corners> corners;          // of the triangles, for the tree
     std::vector<TriangleRun> triangle_runs;
     int surface_count = 0, light_count = 0;  // tables have one empty entry where the scene has none
     std::vector<uint32_t> light_cdf;
@@ -85,6 +86,10 @@ struct LightSource {
 /// by rounding alone.
 void recognise_shapes(const Scene& scene, SceneData& data, size_t most_shapes);
 void add_materials(const Scene& scene, SceneData& data);
+/// Textures and their texels.
+void add_textures(const Scene& scene, SceneData& data);
+/// Mean colour of a texture.
+Rgb mean_colour(const Texture& texture);
 void add_shapes(const Scene& scene, SceneData& data, std::vector<LightSource>& lights);
 void add_triangles(const Scene& scene, SceneData& data, std::vector<LightSource>& lights,
                    bool tables, Workers& workers);

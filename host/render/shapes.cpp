@@ -72,6 +72,11 @@ class ShapeAdder {
         flat.kind = is_disk ? FLAT_DISK : FLAT_RECT;
         push_flat(flat);
 
+        // A rectangle's (u, v) are its object coordinates from 0 to 1, a disk's are polar.
+        if (is_disk)
+            add_uv_map(axes.origin, u, v, {0, 0, 0}, 1, 0);
+        else
+            add_uv_map(axes.origin, u, v, {0, 0, 0}, 0.5, 0.5);
         LightSource light{.kind = is_disk ? LIGHT_DISK : LIGHT_QUAD,
                           .p = axes.origin,
                           .e1 = axes.x,
@@ -107,14 +112,15 @@ class ShapeAdder {
                    "its transform has no volume; check scale and matrix in to_world");
         kernel::CubeShape cube{};
         cube.surface = surface_count();
+        Double3 row[3];
         for (int a = 0; a < 3; ++a) {
-            const Double3 row = cross(axis[(a + 1) % 3], axis[(a + 2) % 3]) / volume;
-            const double center = dot(row, axes.origin);
-            set3(cube.row[a], row);
-            cube.row[a][3] = static_cast<float>(-center);
-            for (int side = -1; side <= 1; side += 2)
-                add_face(shape, axes.origin, axis, a, side, normalized(row) * side);
+            row[a] = cross(axis[(a + 1) % 3], axis[(a + 2) % 3]) / volume;
+            set3(cube.row[a], row[a]);
+            cube.row[a][3] = static_cast<float>(-dot(row[a], axes.origin));
         }
+        for (int a = 0; a < 3; ++a)
+            for (int side = -1; side <= 1; side += 2)
+                add_face(shape, axes.origin, axis, row, a, side);
         data_.cubes.push_back(cube);
     }
 
@@ -136,6 +142,8 @@ class ShapeAdder {
         sphere.radius = static_cast<float>(radius);
         sphere.surface = surface_count();
         data_.spheres.push_back(sphere);
+        const double squared = radius * radius;
+        add_uv_map(axes.origin, axes.x / squared, axes.y / squared, axes.z / squared, 1, 0);
         const LightSource light{.kind = LIGHT_SPHERE,
                                 .p = axes.origin,
                                 .normal = {shape.flip_normals ? -1.0 : 1.0, 0, 0},
@@ -173,15 +181,41 @@ class ShapeAdder {
         flat.surface = surface_count();
         flat.kind = FLAT_TRIANGLE;
         push_flat(flat);
+        add_uv_map({}, {}, {}, {}, 1, 0);  // its material has no texture
         add_surface(shape, SURFACE_FLAT, normal, flat.n[3], x,
                     light_of_triangle(corners, shape.radiance, -1));
     }
 
-    void add_face(const Shape& shape, Double3 center, const Double3* axis, int a, int side,
-                  Double3 outward) {
-        // Mitsuba's cube is a mesh whose texture coordinates run along these axes.
-        constexpr int kTangent[3][2] = {{1, 1}, {2, 0}, {1, 1}};
+    /// How surfaces get texture coordinates from world points; nothing without textures. `x`, `y`
+    /// and `z` are dual axes: object coordinates are their dot products with p - origin.
+    void add_uv_map(Double3 origin, Double3 x, Double3 y, Double3 z, double scale, double offset) {
+        if (scene_.textures.empty()) return;
+        Row first{}, second{};
+        const auto put = [&](float* to, Double3 axis) {
+            set3(to, axis * scale);
+            to[3] = static_cast<float>(offset - scale * dot(axis, origin));
+        };
+        put(&first[0], x);
+        put(&first[4], y);
+        put(&second[0], z);
+        data_.uvs.push_back(first);
+        data_.uvs.push_back(second);
+    }
+
+    void add_face(const Shape& shape, Double3 center, const Double3* axis, const Double3* row,
+                  int a, int side) {
+        // Mitsuba's cube is a mesh whose texture coordinates u and v run along these axes.
+        struct Along {
+            int u, u_sign, v, v_sign;
+        };
+        constexpr Along kAlong[3][2] = {{{1, 1, 2, 1}, {1, 1, 2, -1}},
+                                        {{2, 1, 0, 1}, {0, -1, 2, -1}},
+                                        {{1, -1, 0, 1}, {1, 1, 0, 1}}};
+        const Along& along = kAlong[a][side > 0];
+        add_uv_map(center, row[along.u] * along.u_sign, row[along.v] * along.v_sign, {0, 0, 0}, 0.5,
+                   0.5);
         const int b = (a + 1) % 3, c = (a + 2) % 3;
+        const Double3 outward = normalized(row[a]) * side;
         const Double3 normal = shape.flip_normals ? -outward : outward;
         const Double3 middle = center + axis[a] * side;
         const LightSource light{.kind = LIGHT_QUAD,
@@ -191,7 +225,7 @@ class ShapeAdder {
                                 .normal = normal,
                                 .area = 4 * length(cross(axis[b], axis[c]))};
         add_surface(shape, SURFACE_FLAT, normal, static_cast<float>(dot(normal, middle)),
-                    axis[kTangent[a][side > 0]], light);
+                    axis[along.u], light);
     }
 
     void add_surface(const Shape& shape, int kind, Double3 q, float q3, Double3 tangent,

@@ -12,18 +12,18 @@ namespace {
 constexpr int kBits = 32;
 constexpr int kIndexBits = 10;
 static_assert(1 << kIndexBits == SOBOL_SAMPLES);
-constexpr size_t kDimensions = 2 + 5 * SOBOL_VERTICES;
+constexpr size_t kDimensions = 2 + 6 * SOBOL_VERTICES;
 
 /// A primitive polynomial (degree, inner coefficients as bits) and the first odd integers of its
 /// recurrence.
 struct Direction {
     int degree;
     uint32_t coefficients;
-    std::array<uint32_t, 5> first;
+    std::array<uint32_t, 6> first;
 };
 // Joe and Kuo 2008, "Constructing Sobol sequences with better two-dimensional projections", the
-// published table for dimensions 2 to 12; dimension 1 is the bits in reverse.
-constexpr std::array<Direction, 11> kDirections = {{{1, 0, {1}},
+// published table for dimensions 2 to 14; dimension 1 is the bits in reverse.
+constexpr std::array<Direction, 13> kDirections = {{{1, 0, {1}},
                                                     {2, 1, {1, 3}},
                                                     {3, 1, {1, 3, 1}},
                                                     {3, 2, {1, 1, 1}},
@@ -33,7 +33,9 @@ constexpr std::array<Direction, 11> kDirections = {{{1, 0, {1}},
                                                     {5, 4, {1, 1, 5, 5, 5}},
                                                     {5, 7, {1, 1, 7, 11, 19}},
                                                     {5, 11, {1, 1, 5, 1, 1}},
-                                                    {5, 13, {1, 1, 1, 3, 11}}}};
+                                                    {5, 13, {1, 1, 1, 3, 11}},
+                                                    {5, 14, {1, 3, 5, 5, 31}},
+                                                    {6, 1, {1, 3, 3, 9, 7, 49}}}};
 static_assert(kDirections.size() + 1 == kDimensions);
 
 /// Column k: what bit k of the index contributes.
@@ -95,7 +97,8 @@ std::vector<Row> sobol_rows() {
                 if (i >> k & 1) points[d][i] ^= column[k];
         }
     }
-    // Dimensions: 0, 1 camera; then light and BSDF of each vertex; last the lights' choices.
+    // Dimensions: 0, 1 camera; then light and BSDF of each vertex; last the lights' choices and the
+    // lobes.
     std::vector<Row> rows(static_cast<size_t>(SOBOL_SAMPLES) * SOBOL_VERTICES);
     for (size_t i = 0; i < SOBOL_SAMPLES; ++i)
         for (size_t vertex = 0; vertex < SOBOL_VERTICES; ++vertex) {
@@ -104,6 +107,7 @@ std::vector<Row> sobol_rows() {
             row[4] = as_float_bits(points[0][i]);
             row[5] = as_float_bits(points[1][i]);
             row[6] = as_float_bits(points[2 + 4 * SOBOL_VERTICES + vertex][i]);
+            row[7] = as_float_bits(points[2 + 5 * SOBOL_VERTICES + vertex][i]);
         }
     return rows;
 }

@@ -134,9 +134,11 @@ void write_rows(const Scene& scene, const Shape& shape, const MeshReader& reader
     const uint32_t object = object_of(scene, shape);
     const uint32_t bits = surface_bits(scene, shape, SURFACE_FLAT, false);
     const bool smooth = !shape.mesh.normals.empty();
-    const size_t normals = data.normals.size() / NORMALS_ROWS;
+    const bool textured = has_texture(scene.bsdfs[static_cast<size_t>(shape.bsdf)]);
+    const size_t normals = data.normals.size() / NORMALS_ROWS, uvs = data.uvs.size();
     data.triangles.resize(last * TRIANGLE_ROWS);
     if (smooth) data.normals.resize((normals + last - first) * NORMALS_ROWS);
+    if (textured) data.uvs.resize(uvs + last - first);
     const auto write = [&](size_t triangle, size_t primitive) {
         const size_t i = triangle - first;
         const Corners& corners = data.corners[triangle];
@@ -144,12 +146,19 @@ void write_rows(const Scene& scene, const Shape& shape, const MeshReader& reader
         data.triangles[triangle * TRIANGLE_ROWS] =
             row_of(corners[0], as_float_bits(bits), corners[1],
                    as_float_bits(static_cast<uint32_t>(lights + (emits(shape) ? i : 0))));
-        data.triangles[triangle * TRIANGLE_ROWS + 1] =
-            row_of(corners[2], as_float_bits(object),
-                   {as_float_bits(static_cast<uint32_t>(normal_entry)), 0, 0}, 0);
+        data.triangles[triangle * TRIANGLE_ROWS + 1] = row_of(
+            corners[2], as_float_bits(object),
+            {as_float_bits(static_cast<uint32_t>(normal_entry)),
+             as_float_bits(static_cast<uint32_t>(textured ? uvs + i : size_t{0xffffffff})), 0},
+            0);
+        const std::array<uint32_t, 3> vertex = reader.vertices_of(primitive);
+        if (textured) {
+            const auto& at = shape.mesh.texcoords;
+            const auto &a = at[vertex[0]], &b = at[vertex[1]], &c = at[vertex[2]];
+            data.uvs[uvs + i] = {a[0], a[1], b[0], b[1], c[0], c[1], 0, 0};
+        }
         if (!smooth) return;
         std::array<Point, 3> n;
-        const std::array<uint32_t, 3> vertex = reader.vertices_of(primitive);
         for (size_t k = 0; k < 3; ++k) {
             n[k] = shape.mesh.normals[vertex[k]];
             if (shape.flip_normals)
@@ -203,6 +212,12 @@ void add_triangles(const Scene& scene, SceneData& data, std::vector<LightSource>
         if (!mesh.normals.empty() && mesh.normals.size() != mesh.positions.size())
             throw InputError(name_of(scene, shape) + ": " + std::to_string(mesh.normals.size()) +
                              " normals for " + std::to_string(mesh.positions.size()) + " vertices");
+        if (has_texture(scene.bsdfs[static_cast<size_t>(shape.bsdf)]) &&
+            mesh.texcoords.size() != mesh.positions.size())
+            throw InputError(name_of(scene, shape) +
+                             ": its material has a texture, but there are " +
+                             std::to_string(mesh.texcoords.size()) + " texture coordinates for " +
+                             std::to_string(mesh.positions.size()) + " vertices");
         MeshReader reader(scene, shape, data, kept, workers);
         const size_t first = kept;
         const int normals =

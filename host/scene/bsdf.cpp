@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cctype>
 
-#include "host/scene/colour.h"
 #include "host/scene/text.h"
 
 namespace pave {
@@ -22,8 +21,9 @@ const std::map<std::string, float> kIndices{
     {"pyrex", 1.470f},     {"acrylic glass", 1.49f},     {"polypropylene", 1.49f},
     {"bk7", 1.5046f},      {"sodium chloride", 1.544f},  {"amber", 1.55f},
     {"pet", 1.5750f},      {"diamond", 2.419f}};
-const std::vector<std::string> kTypes{"diffuse", "twosided", "conductor", "roughconductor",
-                                      "dielectric"};
+const std::vector<std::string> kTypes{"diffuse",        "twosided",   "conductor",
+                                      "roughconductor", "dielectric", "roughdielectric",
+                                      "plastic"};
 constexpr int kMaxDepth = 16;
 constexpr double kMinAlpha = 1e-4;  // below it Mitsuba clamps too
 
@@ -98,14 +98,15 @@ Bsdf BsdfReader::read_type(pugi::xml_node node) {
     const std::string& type = properties.type();
     Bsdf bsdf;
     if (type == "diffuse") {
-        bsdf.reflectance =
-            read_colour(properties, "reflectance", ColourUse::kReflectance, bsdf.reflectance);
+        read_reflectance(properties, "reflectance", bsdf.reflectance, bsdf.reflectance_texture);
     } else if (type == "twosided") {
         bsdf = read_two_sided(properties);
     } else if (type == "conductor" || type == "roughconductor") {
         bsdf = read_conductor(properties);
-    } else if (type == "dielectric") {
+    } else if (type == "dielectric" || type == "roughdielectric") {
         bsdf = read_dielectric(properties);
+    } else if (type == "plastic") {
+        bsdf = read_plastic(properties);
     } else {
         file_.unsupported(node, "this material is not supported" + did_you_mean(type, kTypes) +
                                     "; there are " + join(kTypes));
@@ -125,10 +126,25 @@ Bsdf BsdfReader::read_two_sided(Properties& properties) {
         file_.unsupported(nested.size() > 1 ? nested[1] : refs.back(),
                           "another material for the back is not supported");
     Bsdf bsdf = nested.empty() ? bsdfs_[static_cast<size_t>(find(refs[0]))] : read(nested[0]);
-    if (bsdf.type == Bsdf::Type::kDielectric)
+    if (bsdf.type == Bsdf::Type::kDielectric || bsdf.type == Bsdf::Type::kRoughDielectric)
         file_.fail(properties.node(), "a material that lets light through cannot be inside");
     bsdf.two_sided = true;
     return bsdf;
+}
+
+void BsdfReader::read_reflectance(Properties& properties, const std::string& name, Rgb& colour,
+                                  int& texture) {
+    for (const char* tag : {"texture", "ref"})
+        for (const pugi::xml_node node : properties.take_objects(tag, name)) {
+            if (texture >= 0 || properties.has(name))
+                file_.fail(node, quote(name) + " is given twice");
+            texture = textures_.find(node);
+            if (texture >= 0) colour = {1, 1, 1};
+        }
+    if (texture < 0)
+        colour = read_colour(properties, name, ColourUse::kReflectance, colour);
+    else
+        properties.accept({name.c_str()});
 }
 
 Bsdf BsdfReader::read_conductor(Properties& properties) {
@@ -141,10 +157,10 @@ Bsdf BsdfReader::read_conductor(Properties& properties) {
         file_.unsupported(material_node,
                           "material " + quote(material) +
                               " needs tables over wavelengths: give eta and k as <rgb>");
+    read_reflectance(properties, "specular_reflectance", bsdf.specular_reflectance,
+                     bsdf.specular_reflectance_texture);
     bsdf.eta = read_colour(properties, "eta", ColourUse::kIndexOfRefraction, bsdf.eta);
     bsdf.k = read_colour(properties, "k", ColourUse::kIndexOfRefraction, bsdf.k);
-    bsdf.specular_reflectance = read_colour(properties, "specular_reflectance",
-                                            ColourUse::kReflectance, bsdf.specular_reflectance);
     if (is_rough) read_roughness(properties, bsdf);
     return bsdf;
 }
@@ -197,15 +213,35 @@ float BsdfReader::read_ior(Properties& properties, const std::string& name, floa
     return static_cast<float>(index);
 }
 
-Bsdf BsdfReader::read_dielectric(Properties& properties) {
-    Bsdf bsdf;
-    bsdf.type = Bsdf::Type::kDielectric;
+void BsdfReader::read_indices(Properties& properties, Bsdf& bsdf) {
     bsdf.int_ior = read_ior(properties, "int_ior", bsdf.int_ior);
     bsdf.ext_ior = read_ior(properties, "ext_ior", bsdf.ext_ior);
-    bsdf.specular_reflectance = read_colour(properties, "specular_reflectance",
-                                            ColourUse::kReflectance, bsdf.specular_reflectance);
-    bsdf.specular_transmittance = read_colour(properties, "specular_transmittance",
-                                              ColourUse::kReflectance, bsdf.specular_transmittance);
+    if (bsdf.type != Bsdf::Type::kDielectric && bsdf.int_ior == bsdf.ext_ior)
+        file_.fail(properties.node(), "int_ior and ext_ior must differ");
+}
+
+Bsdf BsdfReader::read_dielectric(Properties& properties) {
+    Bsdf bsdf;
+    const bool is_rough = properties.type() == "roughdielectric";
+    bsdf.type = is_rough ? Bsdf::Type::kRoughDielectric : Bsdf::Type::kDielectric;
+    read_indices(properties, bsdf);
+    read_reflectance(properties, "specular_reflectance", bsdf.specular_reflectance,
+                     bsdf.specular_reflectance_texture);
+    read_reflectance(properties, "specular_transmittance", bsdf.specular_transmittance,
+                     bsdf.specular_transmittance_texture);
+    if (is_rough) read_roughness(properties, bsdf);
+    return bsdf;
+}
+
+Bsdf BsdfReader::read_plastic(Properties& properties) {
+    Bsdf bsdf;
+    bsdf.type = Bsdf::Type::kPlastic;
+    bsdf.int_ior = kIndices.at("polypropylene");
+    read_indices(properties, bsdf);
+    read_reflectance(properties, "diffuse_reflectance", bsdf.reflectance, bsdf.reflectance_texture);
+    read_reflectance(properties, "specular_reflectance", bsdf.specular_reflectance,
+                     bsdf.specular_reflectance_texture);
+    bsdf.nonlinear = properties.boolean("nonlinear", false);
     return bsdf;
 }
 

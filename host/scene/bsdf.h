@@ -4,6 +4,8 @@
 
 #include <map>
 
+#include "host/scene/colour.h"
+#include "host/scene/texture.h"
 #include "host/scene/xml.h"
 
 namespace pave {
@@ -11,7 +13,8 @@ namespace pave {
 /// Reads materials into Scene::bsdfs, each once.
 class BsdfReader {
    public:
-    BsdfReader(SceneFile& file, std::vector<Bsdf>& bsdfs) : file_(file), bsdfs_(bsdfs) {}
+    BsdfReader(SceneFile& file, TextureReader& textures, std::vector<Bsdf>& bsdfs)
+        : file_(file), textures_(textures), bsdfs_(bsdfs) {}
 
     /// Makes a <bsdf> of the scene known by its id; it is read when something refers to it.
     void declare(pugi::xml_node node);
@@ -36,10 +39,15 @@ class BsdfReader {
     Bsdf read_conductor(Properties& properties);
     void read_roughness(Properties& properties, Bsdf& bsdf);
     Bsdf read_dielectric(Properties& properties);
+    Bsdf read_plastic(Properties& properties);
+    void read_indices(Properties& properties, Bsdf& bsdf);
+    void read_reflectance(Properties& properties, const std::string& name, Rgb& colour,
+                          int& texture);
     float read_ior(Properties& properties, const std::string& name, float fallback);
     int find(pugi::xml_node ref);
 
     SceneFile& file_;
+    TextureReader& textures_;
     std::vector<Bsdf>& bsdfs_;
     std::map<std::string, Declared> by_id_;
     std::map<float, int> defaults_;  // by grey

@@ -36,11 +36,9 @@ std::array<double, 3> read_values(SceneFile& file, pugi::xml_node node) {
 bool is_unsupported(Properties& properties, const std::string& name, pugi::xml_node node) {
     SceneFile& file = properties.file();
     for (const char* tag : {"texture", "spectrum", "ref"})
-        for (const pugi::xml_node object : properties.take_objects(tag)) {
-            const bool is_this = file.attribute(object, "name") == name;
-            file.unsupported(object, is_this ? "textures are not supported: " + quote(name) +
-                                                   " must be one colour"
-                                             : "textures are not supported");
+        for (const pugi::xml_node object : properties.take_objects(tag, name)) {
+            file.unsupported(
+                object, "a texture is not supported here: " + quote(name) + " must be one colour");
         }
     if (std::string_view(node.name()) != "spectrum") return false;
     const std::string text = file.attribute(node, "value");

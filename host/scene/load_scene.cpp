@@ -20,15 +20,21 @@ constexpr size_t kMaxXmlByteSize = size_t{64} << 20;
 class SceneReader {
    public:
     SceneReader(SceneFile& file, Hasher& hasher)
-        : file_(file), bsdfs_(file, scene_.bsdfs), shapes_(file, bsdfs_, scene_, hasher) {}
+        : file_(file),
+          textures_(file, scene_.textures, hasher),
+          bsdfs_(file, textures_, scene_.bsdfs),
+          shapes_(file, bsdfs_, scene_, hasher) {}
 
     Scene read() {
         for (const pugi::xml_node node : file_.root().children())
             if (std::string_view(node.name()) == "default") file_.define_default(node);
         for (const pugi::xml_node node : file_.root().children("bsdf"))
             if (node.attribute("id")) bsdfs_.declare(node);
+        for (const pugi::xml_node node : file_.root().children("texture"))
+            if (node.attribute("id")) textures_.declare(node);
         for (const pugi::xml_node node : file_.root().children()) read_child(node);
         bsdfs_.read_declared();
+        textures_.read_declared();
         if (!has_sensor_) file_.fail(file_.root(), "has no <sensor type=\"perspective\">");
         if (scene_.shapes.empty()) file_.fail(file_.root(), "has no shape");
         if (!has_integrator_) scene_.max_depth = kEndlessDepth;  // as Mitsuba's default integrator
@@ -50,13 +56,17 @@ class SceneReader {
         if (tag == "sensor") return read_only(node, has_sensor_, "sensor", read_sensor);
         if (tag == "integrator")
             return read_only(node, has_integrator_, "integrator", read_integrator);
+        if (tag == "texture") {
+            if (!node.attribute("id")) (void)textures_.find(node);
+            return;
+        }
         if (tag == "bsdf") {
             if (!node.attribute("id")) bsdfs_.add(node);  // of no use, but its errors should show
             return;
         }
         file_.unsupported(node, "<" + tag + "> is not supported in a scene" +
                                     did_you_mean(tag, {"shape", "emitter", "sensor", "integrator",
-                                                       "bsdf", "default"}));
+                                                       "bsdf", "texture", "default"}));
     }
 
     template <typename Read>
@@ -99,6 +109,7 @@ class SceneReader {
 
     SceneFile& file_;
     Scene scene_;
+    TextureReader textures_;
     BsdfReader bsdfs_;
     ShapeReader shapes_;
     bool has_sensor_ = false, has_integrator_ = false, has_constant_ = false;

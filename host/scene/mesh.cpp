@@ -92,6 +92,8 @@ void place_mesh(Mesh& mesh, const MeshPlacement& placement) {
     } else {
         place_normals(mesh, placement.world_from_object);
     }
+    if (placement.flip_texcoords)
+        for (std::array<float, 2>& uv : mesh.texcoords) uv[1] = 1 - uv[1];
     if (!placement.flip_normals) return;
     for (std::array<uint32_t, 3>& triangle : mesh.triangles) std::swap(triangle[1], triangle[2]);
     for (Float3& normal : mesh.normals) normal = {-normal[0], -normal[1], -normal[2]};

@@ -25,6 +25,7 @@ struct MeshPlacement {
     Affine world_from_object;
     bool face_normals = false;  // drop the vertices' normals
     bool flip_normals = false;
+    bool flip_texcoords = false;  // v becomes 1 - v: image rows count from the top
 };
 /// Moves `mesh` to its place: positions and unit normals in world space; without normals in the
 /// file each vertex gets the angle-weighted mean of its triangles' normals (Thuermer and Wuethrich

@@ -28,6 +28,7 @@ class ObjReader {
                             std::to_string(faces_with_normals_ + faces_without_normals_) +
                             " faces have no normals; give all or none");
         if (faces_with_normals_ == 0) mesh_.normals.clear();
+        if (!has_all_texcoords_) mesh_.texcoords.clear();
         return std::move(mesh_);
     }
 
@@ -58,7 +59,7 @@ class ObjReader {
         } else if (words[0] == "vn") {
             normals_.push_back(read_three(words));
         } else if (words[0] == "vt") {
-            ++texture_count_;
+            texcoords_.push_back(read_texcoord(words));
         } else if (words[0] == "f") {
             read_face(words);
         }  // groups, materials, smoothing, lines: no part of the surface
@@ -68,6 +69,18 @@ class ObjReader {
         if (words.size() < 4) fail("needs three numbers");
         std::array<float, 3> result{};
         for (size_t i = 0; i < 3; ++i) {
+            const std::optional<double> number = parse_number(words[i + 1]);
+            if (!number) fail(quote(words[i + 1]) + " is not a finite number");
+            result[i] = static_cast<float>(*number);
+        }
+        return result;
+    }
+
+    // u and, if there, v.
+    std::array<float, 2> read_texcoord(const std::vector<std::string_view>& words) const {
+        if (words.size() < 2) fail("needs a number");
+        std::array<float, 2> result{};
+        for (size_t i = 0; i < std::min<size_t>(2, words.size() - 1); ++i) {
             const std::optional<double> number = parse_number(words[i + 1]);
             if (!number) fail(quote(words[i + 1]) + " is not a finite number");
             result[i] = static_cast<float>(*number);
@@ -95,7 +108,7 @@ class ObjReader {
         const size_t second = word.find('/', first + 1);
         const std::string_view texture = word.substr(first + 1, second - first - 1);
         if (!texture.empty())
-            corner.texture = read_index(texture, texture_count_, "texture vertex");
+            corner.texture = read_index(texture, texcoords_.size(), "texture vertex");
         if (second != std::string_view::npos)
             corner.normal = read_index(word.substr(second + 1), normals_.size(), "normal");
         return corner;
@@ -110,6 +123,8 @@ class ObjReader {
             mesh_.positions.push_back(positions_[corner.position - 1]);
             mesh_.normals.push_back(corner.normal == 0 ? std::array<float, 3>{}
                                                        : normals_[corner.normal - 1]);
+            mesh_.texcoords.push_back(corner.texture == 0 ? std::array<float, 2>{}
+                                                          : texcoords_[corner.texture - 1]);
         }
         return entry->second;
     }
@@ -121,6 +136,7 @@ class ObjReader {
         for (size_t i = 1; i < words.size(); ++i) {
             const Corner corner = read_corner(words[i]);
             has_all_normals = has_all_normals && corner.normal != 0;
+            has_all_texcoords_ = has_all_texcoords_ && corner.texture != 0;
             polygon.push_back(vertex_of(corner));
         }
         ++(has_all_normals ? faces_with_normals_ : faces_without_normals_);
@@ -131,7 +147,9 @@ class ObjReader {
     std::string_view text_;
     size_t line_ = 0;
     std::vector<std::array<float, 3>> positions_, normals_;
-    size_t texture_count_ = 0, faces_with_normals_ = 0, faces_without_normals_ = 0;
+    std::vector<std::array<float, 2>> texcoords_;
+    bool has_all_texcoords_ = true;
+    size_t faces_with_normals_ = 0, faces_without_normals_ = 0;
     std::unordered_map<Corner, uint32_t, CornerHash> vertices_;
     Mesh mesh_;
 };

@@ -251,6 +251,7 @@ class PlyReader {
             if (i < 3 && places[i] < 0) throw MeshError("vertices have no " + quote(kNames[i]));
         }
         const bool has_normals = places[3] >= 0 && places[4] >= 0 && places[5] >= 0;
+        const std::array<int, 2> uv = find_texcoords(element);
         std::vector<double> row(element.properties.size());
         for (uint64_t vertex = 0; vertex < element.count; ++vertex) {
             for (size_t i = 0; i < row.size(); ++i) {
@@ -268,7 +269,22 @@ class PlyReader {
                                     " is not finite");
             mesh_.positions.push_back({at(0), at(1), at(2)});
             if (has_normals) mesh_.normals.push_back({at(3), at(4), at(5)});
+            if (uv[0] < 0) continue;
+            const auto u = static_cast<float>(row[static_cast<size_t>(uv[0])]),
+                       v = static_cast<float>(row[static_cast<size_t>(uv[1])]);
+            if (!std::isfinite(u) || !std::isfinite(v))
+                throw MeshError(body.where() + "texture coordinates of vertex " +
+                                std::to_string(vertex + 1) + " are not finite");
+            mesh_.texcoords.push_back({u, v});
         }
+    }
+
+    // Places of a vertex's texture coordinates, or -1, -1.
+    static std::array<int, 2> find_texcoords(const Element& element) {
+        for (const auto& [u, v] : {std::pair("u", "v"), std::pair("s", "t")})
+            if (element.find(u) >= 0 && element.find(v) >= 0)
+                return {element.find(u), element.find(v)};
+        return {-1, -1};
     }
 
     void read_faces(const Element& element, Body& body) {

@@ -135,9 +135,21 @@ void Properties::accept(std::initializer_list<const char*> names) {
 }
 
 std::vector<pugi::xml_node> Properties::take_objects(const std::string& tag) {
+    return take_if([&](pugi::xml_node object) { return tag == object.name(); });
+}
+
+std::vector<pugi::xml_node> Properties::take_objects(const std::string& tag,
+                                                     const std::string& name) {
+    return take_if([&](pugi::xml_node object) {
+        return tag == object.name() && file_.attribute(object, "name") == name;
+    });
+}
+
+template <typename Test>
+std::vector<pugi::xml_node> Properties::take_if(Test test) {
     std::vector<pugi::xml_node> taken;
     for (auto it = objects_.begin(); it != objects_.end();) {
-        if (tag == it->name()) {
+        if (test(*it)) {
             taken.push_back(*it);
             it = objects_.erase(it);
         } else {

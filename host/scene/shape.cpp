@@ -150,7 +150,8 @@ void ShapeReader::read_sphere(Properties& properties, Shape& shape, Affine& to_w
 void ShapeReader::read_mesh(Properties& properties, Shape& shape, const Affine& to_world) {
     MeshPlacement placement{to_world, properties.boolean("face_normals", false),
                             shape.flip_normals};
-    properties.accept({"flip_tex_coords"});  // no textures
+    const bool is_obj = properties.type() == "obj";
+    placement.flip_texcoords = properties.boolean("flip_tex_coords", is_obj);
     const pugi::xml_node name_node = properties.peek("filename");
     if (!name_node) file_.fail(properties.node(), "needs a <string name=\"filename\">");
     const std::filesystem::path name = properties.string("filename", "");
@@ -158,7 +159,7 @@ void ShapeReader::read_mesh(Properties& properties, Shape& shape, const Affine& 
     try {
         const std::string bytes = read_file(path, kMaxMeshByteSize);
         hasher_.update(bytes);
-        shape.mesh = properties.type() == "obj" ? parse_obj(bytes) : parse_ply(bytes);
+        shape.mesh = is_obj ? parse_obj(bytes) : parse_ply(bytes);
         place_mesh(shape.mesh, placement);
     } catch (const MeshError& error) {
         file_.fail(name_node,
@@ -173,11 +174,13 @@ void ShapeReader::read_mesh(Properties& properties, Shape& shape, const Affine& 
 
 void ShapeReader::check_material(const Properties& properties, const Shape& shape) const {
     const Bsdf& bsdf = scene_.bsdfs[static_cast<size_t>(shape.bsdf)];
-    if (shape.type == Shape::Type::kMesh && bsdf.type == Bsdf::Type::kRoughConductor &&
-        bsdf.alpha_u != bsdf.alpha_v)
+    if (shape.type == Shape::Type::kMesh && bsdf.alpha_u != bsdf.alpha_v)
         file_.fail(properties.node(),
-                   "alpha_u and alpha_v need texture coordinates, which meshes have not in PAVE: "
+                   "alpha_u and alpha_v need a direction, which meshes have not in PAVE: "
                    "give one alpha");
+    if (shape.type == Shape::Type::kMesh && has_texture(bsdf) && shape.mesh.texcoords.empty())
+        file_.fail(properties.node(),
+                   "its material has a texture, but the mesh has no texture coordinates");
 }
 
 void ShapeReader::check_area(const Properties& properties, const Shape& shape,

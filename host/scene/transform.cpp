@@ -205,8 +205,8 @@ Affine scaling(const Double3& factors) {
     return result;
 }
 
-Affine read_to_world(Properties& properties) {
-    const pugi::xml_node node = properties.value("to_world");
+Affine read_affine(Properties& properties, const std::string& name) {
+    const pugi::xml_node node = properties.value(name);
     if (!node) return {};
     SceneFile& file = properties.file();
     if (std::string_view(node.name()) != "transform") file.fail(node, "must be a <transform>");

@@ -42,8 +42,9 @@ Affine compose(const Affine& outer, const Affine& inner);
 Affine translation(const Double3& offset);
 Affine scaling(const Double3& factors);
 
-/// `to_world` of the object, identity if it has none. Fails on singular, projective and non-finite
-/// maps.
-Affine read_to_world(Properties& properties);
+/// The object's <transform> called `name`, identity if it has none. Fails on singular, projective
+/// and non-finite maps.
+Affine read_affine(Properties& properties, const std::string& name);
+inline Affine read_to_world(Properties& properties) { return read_affine(properties, "to_world"); }
 
 }  // namespace pave

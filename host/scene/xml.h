@@ -89,10 +89,14 @@ class Properties {
 
     /// Takes the nested objects whose tag is `tag` ("bsdf", "film", ..., "ref").
     std::vector<pugi::xml_node> take_objects(const std::string& tag);
+    /// Those of them that are called `name`.
+    std::vector<pugi::xml_node> take_objects(const std::string& tag, const std::string& name);
 
     void finish();
 
    private:
+    template <typename Test>
+    std::vector<pugi::xml_node> take_if(Test test);
     std::string text(pugi::xml_node node, const char* wanted_tag);
 
     SceneFile& file_;

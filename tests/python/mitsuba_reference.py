@@ -62,6 +62,7 @@ RECIPES = {
         Recipe("novel", 64, 64, runs=32, spp=512),
         Recipe("materials", 64, 48, runs=48, spp=512),
         Recipe("many-lights", 64, 48, runs=32, spp=512),
+        Recipe("textures", 64, 48, runs=48, spp=512),
     )
 }
 

@@ -16,28 +16,69 @@ namespace pave {
 using Rgb = std::array<float, 3>;       // linear BT.709
 using Matrix4 = std::array<float, 16>;  // row-major
 
+/// Pixels of an image file, row 0 at the top: either sRGB bytes r, g, b, - or linear floats r, g,
+/// b.
+struct Image {
+    int width = 0, height = 0;
+    std::vector<uint8_t> bytes{};
+    std::vector<float> floats{};
+};
+
+/// A colour that varies over a surface, by its texture coordinates (u, v); v = 0 is the top of an
+/// image. Colours are linear and in [0, 1].
+struct Texture {
+    enum class Type : int { kBitmap, kCheckerboard };
+    enum class Wrap : int { kRepeat, kMirror, kClamp };
+    Type type = Type::kBitmap;
+    std::string id{};
+    std::array<float, 6> uv_map{1, 0, 0, 0, 1, 0};  // two rows: x = m0 u + m1 v + m2, y likewise
+    Rgb color0{0.4f, 0.4f, 0.4f}, color1{0.2f, 0.2f, 0.2f};  // checkerboard
+    Image image{};                                           // bitmap
+    bool is_raw = false;                                     // bytes are linear, not sRGB
+    bool is_nearest = false;                                 // no interpolation
+    Wrap wrap = Wrap::kRepeat;
+};
+
 /// A material. Fields that its type does not use keep their defaults.
 struct Bsdf {
-    enum class Type : int { kDiffuse, kConductor, kRoughConductor, kDielectric };
+    enum class Type : int {
+        kDiffuse,
+        kConductor,
+        kRoughConductor,
+        kDielectric,
+        kPlastic,
+        kRoughDielectric
+    };
     Type type = Type::kDiffuse;
     std::string id{};
     bool two_sided =
-        false;  // inside a `twosided`; otherwise the back of diffuse and conductors is black
-    Rgb reflectance{0.5f, 0.5f, 0.5f};  // diffuse
+        false;  // inside a `twosided`; otherwise the back of all but dielectrics is black
+    Rgb reflectance{0.5f, 0.5f, 0.5f};  // diffuse; plastic: of its base
     Rgb eta{0, 0, 0},
         k{1, 1,
           1};  // conductors: complex index of refraction ("none": eta 0, k 1, a perfect mirror)
     Rgb specular_reflectance{1, 1, 1}, specular_transmittance{1, 1, 1};
-    float alpha_u = 0.1f, alpha_v = 0.1f;  // roughconductor, GGX (Mitsuba's default distribution is
-                                           // beckmann: only ggx is taken)
-    float int_ior = 1.5046f, ext_ior = 1.000277f;  // dielectric
+    float alpha_u = 0.1f, alpha_v = 0.1f;  // roughconductor and roughdielectric, GGX (Mitsuba's
+                                           // default distribution is beckmann: only ggx is taken)
+    float int_ior = 1.5046f, ext_ior = 1.000277f;  // dielectrics, plastic
+    // Into Scene::textures, -1: none. A texture is multiplied with its colour, which the scene
+    // reader sets to 1.
+    int reflectance_texture = -1, specular_reflectance_texture = -1,
+        specular_transmittance_texture = -1;
+    bool nonlinear = false;  // plastic: light that stays inside is coloured at each reflection
 };
+
+inline bool has_texture(const Bsdf& bsdf) {
+    return bsdf.reflectance_texture >= 0 || bsdf.specular_reflectance_texture >= 0 ||
+           bsdf.specular_transmittance_texture >= 0;
+}
 
 /// Triangles; the geometric normal is that of the winding, cross(p1 - p0, p2 - p0). Shading
 /// normals: none (faceted) or one a vertex, of unit length; they decide what is the front for
-/// materials and emission, as in Mitsuba.
+/// materials and emission, as in Mitsuba. Texture coordinates: none or one pair a vertex.
 struct Mesh {
     std::vector<std::array<float, 3>> positions, normals;
+    std::vector<std::array<float, 2>> texcoords;
     std::vector<std::array<uint32_t, 3>> triangles;
 };
 
@@ -63,9 +104,10 @@ struct Shape {
 
 struct Scene {
     std::string name;  // file name without folder and extension
-    std::string
-        hash;  // XXH3-128 hex over the XML file, LoadOptions::defines and every mesh file, in order
+    std::string hash;  // XXH3-128 hex over the XML file, LoadOptions::defines and every mesh and
+                       // image file, in order
     std::vector<Bsdf> bsdfs;
+    std::vector<Texture> textures;
     std::vector<Shape> shapes;
     bool has_environment = false;
     Rgb environment{0, 0, 0};  // constant emitter's radiance

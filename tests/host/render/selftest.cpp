@@ -84,6 +84,9 @@ Planes SelfTest::sample_bsdf(int surface, std::array<double, 3> wi, uint32_t see
 Planes SelfTest::eval_bsdf(int surface, const Planes& pairs) {
     return run("eval_bsdf_many", 4, pairs[0].size(), params_, tables_, surface, upload(pairs));
 }
+Planes SelfTest::texture(int texture, const Planes& uv) {
+    return run("texture_many", 3, uv[0].size(), params_, tables_, texture, upload(uv));
+}
 Planes SelfTest::sample_light(std::array<float, 3> at, uint32_t seed, size_t count) {
     return run("sample_light_many", 10, count, params_, tables_, light_cdf_,
                float4_of(at[0], at[1], at[2]), seed);

@@ -29,6 +29,8 @@ class SelfTest {
     Planes sample_bsdf(int surface, std::array<double, 3> wi, uint32_t seed, size_t count);
     /// f * cos (3), pdf for wi (3), wo (3).
     Planes eval_bsdf(int surface, const Planes& pairs);
+    /// Colour (3) at u, v.
+    Planes texture(int texture, const Planes& uv);
     /// wi (3), pdf, radiance (3), end (3).
     Planes sample_light(std::array<float, 3> at, uint32_t seed, size_t count);
     std::vector<float> light_pdf(std::array<float, 3> at, const Planes& directions);

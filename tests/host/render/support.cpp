@@ -97,7 +97,26 @@ Scene menagerie() {
     brushed.k = {3.98f, 2.39f, 1.6f};
     brushed.alpha_u = 0.1f;
     brushed.alpha_v = 0.4f;
+    const int frosted = add_material(scene, Bsdf::Type::kRoughDielectric);
+    scene.bsdfs.back().alpha_u = scene.bsdfs.back().alpha_v = 0.3f;
+    const int plastic = add_material(scene, Bsdf::Type::kPlastic);
+    scene.bsdfs.back().reflectance = {0.6f, 0.2f, 0.4f};
+    scene.bsdfs.back().nonlinear = true;
+    scene.textures.resize(2);
+    scene.textures[0].image = {.width = 2, .height = 1, .bytes = {200, 40, 10, 0, 30, 90, 220, 0}};
+    scene.textures[1].type = Texture::Type::kCheckerboard;
+    scene.textures[1].uv_map = {5, 0, 0, 0, 3, 0};
+    const int painted = add_diffuse(scene, {1, 1, 1});
+    scene.bsdfs.back().reflectance_texture = 0;
+    scene.bsdfs[static_cast<size_t>(plastic)].specular_reflectance_texture = 1;
     using Type = Shape::Type;
+    add_shape(scene, Type::kDisk, translate(0.3f, -0.95f, 0.8f) * rotate(0, -80) * scale(0.15f),
+              painted);
+    Shape& ball = add_mesh(scene, sphere_mesh(4, {-0.7f, -0.1f, 0.5f}, 0.15f, true), painted);
+    for (const auto& p : ball.mesh.positions) ball.mesh.texcoords.push_back({p[0] * 4, p[1] * 4});
+    add_shape(scene, Type::kSphere, translate(-0.2f, -0.8f, 0.6f) * scale(0.2f), frosted);
+    add_shape(scene, Type::kCube, translate(-0.65f, 0.75f, 0.2f) * rotate(1, 40) * scale(0.15f),
+              plastic);
     add_shape(scene, Type::kSphere, translate(-0.55f, -0.7f, 0.3f) * scale(0.3f), glass);
     add_shape(scene, Type::kSphere, translate(0.55f, -0.7f, -0.4f) * scale(0.3f), mirror);
     add_shape(scene, Type::kCube, translate(0.5f, -0.75f, 0.45f) * rotate(1, 30) * scale(0.25f),

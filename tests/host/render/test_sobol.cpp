@@ -9,10 +9,11 @@
 namespace pave::test {
 namespace {
 
-/// Dimension 0, 1: camera; 2 to 5: vertex 0; 6 to 9: vertex 1; 10, 11: choices of the lights.
-std::vector<std::array<uint32_t, 12>> points() {
+/// Dimension 0, 1: camera; 2 to 5: vertex 0; 6 to 9: vertex 1; 10, 11: choices of the
+/// lights; 12, 13: lobes.
+std::vector<std::array<uint32_t, 14>> points() {
     const std::vector<Row> rows = sobol_rows();
-    std::vector<std::array<uint32_t, 12>> result(SOBOL_SAMPLES);
+    std::vector<std::array<uint32_t, 14>> result(SOBOL_SAMPLES);
     for (size_t i = 0; i < result.size(); ++i)
         for (size_t vertex = 0; vertex < SOBOL_VERTICES; ++vertex) {
             const Row& row = rows[i * SOBOL_VERTICES + vertex];
@@ -20,12 +21,13 @@ std::vector<std::array<uint32_t, 12>> points() {
                 result[i][2 + 4 * vertex + k] = std::bit_cast<uint32_t>(row[k]);
             for (size_t k = 0; k < 2; ++k) result[i][k] = std::bit_cast<uint32_t>(row[4 + k]);
             result[i][10 + vertex] = std::bit_cast<uint32_t>(row[6]);
+            result[i][12 + vertex] = std::bit_cast<uint32_t>(row[7]);
         }
     return result;
 }
 
 /// Whether each of the 2^(a + b) boxes with sides 2^-a and 2^-b holds one of as many points.
-bool is_net(const std::vector<std::array<uint32_t, 12>>& p, size_t first, size_t x, size_t y, int a,
+bool is_net(const std::vector<std::array<uint32_t, 14>>& p, size_t first, size_t x, size_t y, int a,
             int b) {
     std::set<std::pair<uint64_t, uint64_t>> boxes;
     const size_t count = size_t{1} << (a + b);
@@ -36,7 +38,7 @@ bool is_net(const std::vector<std::array<uint32_t, 12>>& p, size_t first, size_t
 
 TEST(Sobol, EveryDimensionIsStratified) {
     const auto p = points();
-    for (size_t d = 0; d < 12; ++d)
+    for (size_t d = 0; d < 14; ++d)
         for (int log_count = 1; log_count <= 10; ++log_count)
             for (size_t first = 0; first < p.size(); first += size_t{1} << log_count)
                 ASSERT_TRUE(is_net(p, first, d, d, log_count, 0)) << d << " " << log_count;
@@ -53,14 +55,14 @@ TEST(Sobol, CameraIsANetInTwoDimensions) {
 TEST(Sobol, TableIsLinearInTheIndex) {
     const auto p = points();
     for (size_t i = 0; i < p.size(); ++i)
-        for (size_t d = 0; d < 12; ++d)
+        for (size_t d = 0; d < 14; ++d)
             ASSERT_EQ(p[i][d], p[i & 15][d] ^ p[i & 0xf0][d] ^ p[i & 0x300][d]) << i << " " << d;
 }
 
 TEST(Sobol, LowBitsAreBalanced) {
     // Roulette reads the lowest byte; being linear, each bit is 1 in one half of the points or in
     // none.
-    for (size_t d = 0; d < 12; ++d)
+    for (size_t d = 0; d < 14; ++d)
         for (int bit = 0; bit < 32; ++bit) {
             size_t ones = 0;
             for (const auto& point : points()) ones += point[d] >> bit & 1;

@@ -110,7 +110,29 @@ const BadScene kBadScenes[] = {
     {"texture",
      "<bsdf type='diffuse'><texture type='bitmap' name='reflectance'><string name='filename' "
      "value='a.png'/></texture></bsdf>",
-     "textures are not supported: \"reflectance\" must be one colour"},
+     "a.png: no such file"},
+    {"texture_of_a_light",
+     "<shape type='cube'><emitter type='area'><texture type='bitmap' name='radiance'><string "
+     "name='filename' value='a.png'/></texture></emitter></shape>",
+     "a texture is not supported here: \"radiance\" must be one colour"},
+    {"texture_type", "<bsdf type='diffuse'><texture type='bitmp' name='reflectance'/></bsdf>",
+     "this texture is not supported (did you mean \"bitmap\"?); there are bitmap, checkerboard"},
+    {"texture_and_colour",
+     "<bsdf type='diffuse'><texture type='checkerboard' name='reflectance'/><rgb "
+     "name='reflectance' value='.5'/></bsdf>",
+     "\"reflectance\" is given twice"},
+    {"texture_reference",
+     "<texture type='checkerboard' id='tiles'/><bsdf type='diffuse'><ref name='reflectance' "
+     "id='tile'/></bsdf>",
+     "no texture of the scene has the id \"tile\" (did you mean \"tiles\"?)"},
+    {"texture_wrap",
+     "<bsdf type='diffuse'><texture type='bitmap' name='reflectance'><string name='wrap_mode' "
+     "value='repeated'/></texture></bsdf>",
+     "\"repeated\" is not known (did you mean \"repeat\"?); there are repeat, mirror, clamp"},
+    {"texture_alpha",
+     "<bsdf type='roughconductor'><string name='distribution' value='ggx'/><texture "
+     "type='checkerboard' name='alpha'/></bsdf>",
+     "texture"},
     {"metal_by_name", "<bsdf type='conductor'>\n<string name='material' value='Au'/></bsdf>",
      ":3: string \"material\": material \"Au\" needs tables over wavelengths: give eta and k as "
      "<rgb>"},
@@ -125,6 +147,16 @@ const BadScene kBadScenes[] = {
      "int_ior must be in (0.01, 100]"},
     {"two_sided_glass", "<bsdf type='twosided'><bsdf type='dielectric'/></bsdf>",
      "a material that lets light through cannot be inside"},
+    {"two_sided_rough_glass",
+     "<bsdf type='twosided'><bsdf type='roughdielectric'><string name='distribution' "
+     "value='ggx'/></bsdf></bsdf>",
+     "a material that lets light through cannot be inside"},
+    {"plastic_of_air",
+     "<bsdf type='plastic'><float name='int_ior' value='1.2'/><float name='ext_ior' "
+     "value='1.2'/></bsdf>",
+     "int_ior and ext_ior must differ"},
+    {"rough_glass_beckmann", "<bsdf type='roughdielectric'/>",
+     "distribution \"beckmann\" is not supported"},
     {"two_sided_nothing", "<bsdf type='twosided'/>", "needs a material inside"},
     {"two_sided_itself", "<bsdf type='twosided' id='a'><ref id='a'/></bsdf>", "refers to itself"},
     {"two_sided_loop",

@@ -146,10 +146,34 @@ TEST_F(LoadScene, BoundsHoldEveryShapeTightly) {
     }
 }
 
+TEST_F(LoadScene, PlasticAndRoughGlass) {
+    const Scene scene = load(
+        "<shape type='cube'><bsdf type='plastic'/></shape>"
+        "<shape type='cube'><bsdf type='twosided'><bsdf type='plastic'>"
+        "<rgb name='diffuse_reflectance' value='0.1 0.2 0.3'/><float name='int_ior' value='1.9'/>"
+        "<rgb name='specular_reflectance' value='0.5'/><boolean name='nonlinear' value='true'/>"
+        "</bsdf></bsdf></shape>"
+        "<shape type='cube'><bsdf type='roughdielectric'><string name='distribution' value='ggx'/>"
+        "<float name='alpha' value='0.3'/><string name='int_ior' value='diamond'/></bsdf></shape>");
+    const Bsdf &plain = scene.bsdfs[0], &red = scene.bsdfs[1], &frosted = scene.bsdfs[2];
+    EXPECT_EQ(plain.type, Bsdf::Type::kPlastic);
+    EXPECT_EQ(plain.int_ior, 1.49f);
+    EXPECT_EQ(plain.ext_ior, 1.000277f);
+    EXPECT_EQ(plain.reflectance, (Rgb{0.5f, 0.5f, 0.5f}));
+    EXPECT_FALSE(plain.nonlinear);
+    EXPECT_TRUE(red.two_sided);
+    EXPECT_TRUE(red.nonlinear);
+    EXPECT_EQ(red.reflectance, (Rgb{0.1f, 0.2f, 0.3f}));
+    EXPECT_EQ(red.specular_reflectance, (Rgb{0.5f, 0.5f, 0.5f}));
+    EXPECT_EQ(frosted.type, Bsdf::Type::kRoughDielectric);
+    EXPECT_EQ(frosted.alpha_u, 0.3f);
+    EXPECT_EQ(frosted.int_ior, 2.419f);
+}
+
 TEST_F(LoadScene, IgnoresWhatIsUnsupportedIfAsked) {
     const std::string body =
-        "<shape type='cube'><bsdf type='plastic'><float name='int_ior' "
-        "value='1.4'/></bsdf></shape>\n"
+        "<shape type='cube'><bsdf type='blendbsdf'><float name='weight' "
+        "value='0.4'/></bsdf></shape>\n"
         "<shape type='cylinder'/>\n"
         "<emitter type='sky'/>\n"
         "<integrator type='aov'><string name='aovs' value='a:albedo'/><integrator type='path'>"

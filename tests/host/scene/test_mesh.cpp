@@ -181,7 +181,7 @@ TEST_F(MeshInScene, AnisotropicRoughnessIsRefused) {
         "<string name='distribution' value='ggx'/><float name='alpha_u' value='.1'/><float "
         "name='alpha_v' value='.2'/>"
         "</bsdf></shape>";
-    EXPECT_NE(error_of(with_sensor(body)).find("need texture coordinates"), std::string::npos);
+    EXPECT_NE(error_of(with_sensor(body)).find("need a direction"), std::string::npos);
 }
 
 TEST_F(MeshInScene, SidesAreMitsubas) {
