@@ -170,6 +170,7 @@ kernel::PathParams make_params(const SceneData& data, const Scene& scene, const 
     p.light_row = p.bsdf_row + rows_of(data.bsdfs);
     p.uv_row = p.light_row + rows_of(data.lights);
     p.texture_row = p.uv_row + rows_of(data.uvs);
+    p.environment_row = p.texture_row + rows_of(data.textures);
     p.leaf_row = rows_of(data.nodes);
     return p;
 }
@@ -202,6 +203,7 @@ std::vector<Row> pack_tables(const SceneData& data) {
     append(rows, data.lights);
     append(rows, data.uvs);
     append(rows, data.textures);
+    append(rows, data.environment);
     return rows;
 }
 

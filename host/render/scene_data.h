@@ -37,6 +37,7 @@ struct SceneData {
 
     std::vector<Row> surfaces, triangles, normals, bsdfs, lights;
     std::vector<Row> uvs, textures;                            // empty in a scene without textures
+    std::vector<Row> environment;                              // its image; three rows without one
     std::vector<std::array<std::array<float, 3>, 3>> corners;  // of the triangles, for the tree
     int surface_count = 0, light_count = 0;  // tables have one empty entry where the scene has none
     std::vector<uint32_t> light_cdf;
@@ -77,6 +78,8 @@ Rgb mean_colour(const Texture& texture);
 void add_shapes(const Scene& scene, SceneData& data, std::vector<LightSource>& lights);
 void add_triangles(const Scene& scene, SceneData& data, std::vector<LightSource>& lights);
 void add_lights(const Scene& scene, SceneData& data, std::vector<LightSource> lights);
+/// The image around the scene, if there is one; after the lights.
+void add_environment(const Scene& scene, SceneData& data);
 /// Puts the flat shapes that can stand between a surface and a light first.
 void sort_occluders(const Scene& scene, SceneData& data, const RendererPaths& paths);
 void add_tree(SceneData& data);
