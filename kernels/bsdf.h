@@ -62,7 +62,7 @@ static inline void sample_dielectric(const Material* m, vec3 wi, vfloat u, vmask
     const vec3 weight = select3(reflect, m->reflectance, scale3(m->transmittance, eta_ti * eta_ti));
     out->weight = select3(on, weight, out->weight);
     out->pdf = on ? splat(INFINITY) : out->pdf;
-    out->eta = on & lane_not(reflect) ? 1.0f / eta_ti : out->eta;
+    out->eta = (on & lane_not(reflect)) ? 1.0f / eta_ti : out->eta;
 }
 #endif
 

@@ -74,6 +74,9 @@
 #ifndef PAVE_HAS_ENVIRONMENT
 #define PAVE_HAS_ENVIRONMENT 1
 #endif
+#ifndef PAVE_HAS_ENVMAP /* the environment is an image */
+#define PAVE_HAS_ENVMAP 1
+#endif
 #ifndef PAVE_HAS_POINT_LIGHT
 #define PAVE_HAS_POINT_LIGHT 1
 #endif

@@ -2,6 +2,7 @@
 // angle and include the choice.
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
+#include "environment.h"
 #include "rng.h"
 #include "sampling.h"
 #include "vertex.h"
@@ -218,8 +219,12 @@ static inline LightSample sample_light(const Scene* s, vec3 p, vint index, vfloa
 #if PAVE_HAS_ENVIRONMENT
     const vmask environment = l.kind == LIGHT_ENVIRONMENT;
     if (lane_any(environment)) {
-        out.wi = select3(environment, sample_sphere(u1, u2), out.wi);
-        out.pdf = environment ? l.pmf * pdf_sphere() : out.pdf;
+        vfloat pdf;
+        vec3 radiance = l.radiance;
+        const vec3 wi = sample_environment(s, u1, u2, &radiance, &pdf);
+        out.wi = select3(environment, wi, out.wi);
+        out.pdf = environment ? l.pmf * pdf : out.pdf;
+        out.radiance = select3(environment, radiance, out.radiance);
         out.unbounded = environment;
     }
 #endif

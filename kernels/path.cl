@@ -131,9 +131,9 @@ static inline void add_emission(const Scene* s, Paths* paths, LaneFilm* film, co
 #if PAVE_HAS_ENVIRONMENT
     const vmask away = paths->alive & lane_not(v->valid);
     if (lane_any(away)) {
-        __constant const PathParams* p = s->p;
-        const vfloat weight = mis_weight(paths->bsdf_pdf, p->environment_pmf * pdf_sphere());
-        const vec3 l = splat3(p->environment[0], p->environment[1], p->environment[2]);
+        vfloat pdf;
+        const vec3 l = environment_radiance(s, paths->d, away, &pdf);
+        const vfloat weight = mis_weight(paths->bsdf_pdf, pdf);
         add_radiance(paths, film, away, is_direct, mul3(paths->throughput, scale3(l, weight)));
     }
 #endif

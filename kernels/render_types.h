@@ -135,6 +135,12 @@ PAVE_SIZEOF(SphereShape, 32);
 //   { radiance or intensity rgb, normals (int, -1: flat), largest coordinate, -, -, - }
 //   quad: p + a*e1 + b*e2, a and b in [0,1]; triangle: p + b1*e1 + b2*e2; disk: p + x*e1 + y*e2;
 //   sphere: center p, radius, +1 or -1 in normal.x for light on its outside or inside; point: p.
+// environment, 3 rows:
+//   { width (0: no image), height, first row of pixels, of row ends, of column ends (all int; rows
+//     counted from the table's first), -, -, - }
+//   { map from world, row 0, -, row 1, - }
+//   { row 2, -, -, -, -, - }
+//   then what they name, as kernels/environment.h reads it
 // clang-format on
 #define SURFACE_ROWS 2
 #define TRIANGLE_ROWS 2
@@ -143,6 +149,7 @@ PAVE_SIZEOF(SphereShape, 32);
 #define LIGHT_ROWS 3
 #define UV_ROWS 2
 #define TEXTURE_ROWS 3
+#define ENVIRONMENT_ROWS 3
 
 #define TEXTURE_CHECKERS 0
 #define TEXTURE_BYTES 1
@@ -244,10 +251,10 @@ PAVE_STRUCT(PathParams) {
     // First rows in their buffers.
     PAVE_U32 flat_row, axis_rect_row, axis_cube_row, cube_row, sphere_row;  // shapes
     PAVE_U32 surface_row, triangle_row, normals_row, bsdf_row, light_row;   // tables
-    PAVE_U32 uv_row, texture_row, sobol_row;
+    PAVE_U32 uv_row, texture_row, environment_row, sobol_row;
     PAVE_U32 leaf_row;  // tree; nodes begin at row 0
 };
-PAVE_SIZEOF(PathParams, 344);
+PAVE_SIZEOF(PathParams, 352);
 
 #ifndef __OPENCL_VERSION__
 }  // namespace pave::kernel

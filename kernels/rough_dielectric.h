@@ -53,5 +53,5 @@ static inline void sample_rough_dielectric(const Material* m, vec3 wi, vfloat u1
     out->wo = select3(on, wo, out->wo);
     out->weight = select3(on, scale3(tint, g), out->weight);
     out->pdf = on ? pdf : out->pdf;
-    out->eta = on & lane_not(reflect) ? 1.0f / eta_ti : out->eta;
+    out->eta = (on & lane_not(reflect)) ? 1.0f / eta_ti : out->eta;
 }

@@ -202,7 +202,11 @@ __kernel void light_pdf_many(__constant const PathParams* p, __global const floa
         const Light l = light_at(&s, light_of_vertex(&s, &v));
         pdf = keep(lit, pdf_light(&l, o, v.p, v.n_geom));
     }
-    pdf = v.valid ? pdf : splat(p->environment_pmf) * pdf_sphere();
+    vfloat away = splat(0.0f);
+#if PAVE_HAS_ENVIRONMENT
+    (void)environment_radiance(&s, d, lane_not(v.valid), &away);
+#endif
+    pdf = v.valid ? pdf : away;
     lane_store(pdf, out + i);
 }
 

@@ -157,7 +157,8 @@ void set_scene_params(kernel::PathParams& p, const SceneData& data, int lanes) {
     p.light_row = p.bsdf_row + rows_of(data.bsdfs);
     p.uv_row = p.light_row + rows_of(data.lights);
     p.texture_row = p.uv_row + rows_of(data.uvs);
-    p.sobol_row = p.texture_row + rows_of(data.textures);
+    p.environment_row = p.texture_row + rows_of(data.textures);
+    p.sobol_row = p.environment_row + rows_of(data.environment);
     p.leaf_row = static_cast<uint32_t>(data.leaf_row);
 }
 
@@ -212,6 +213,7 @@ std::vector<Row> pack_tables(const SceneData& data) {
     append(rows, data.lights);
     append(rows, data.uvs);
     append(rows, data.textures);
+    append(rows, data.environment);
     append(rows, sobol_rows());
     return rows;
 }

@@ -90,6 +90,7 @@ void add_features(const Scene& scene, SceneData& data, const RendererPaths& path
     set("PAVE_HAS_DISK_LIGHT", has_light(data, LIGHT_DISK));
     set("PAVE_HAS_SPHERE_LIGHT", has_light(data, LIGHT_SPHERE));
     set("PAVE_HAS_ENVIRONMENT", has_light(data, LIGHT_ENVIRONMENT));
+    set("PAVE_HAS_ENVMAP", data.environment.size() > ENVIRONMENT_ROWS);
     set("PAVE_HAS_POINT_LIGHT", has_light(data, LIGHT_POINT));
 }
 
@@ -106,6 +107,7 @@ SceneData build_scene_data(const Scene& scene, const RendererPaths& paths, bool 
     add_triangles(scene, data, lights, tables, workers);
     set_bounds(data);
     add_lights(scene, data, std::move(lights));
+    add_environment(scene, data);
     const size_t shapes = data.flats.size() + data.cubes.size() + data.spheres.size();
     data.broadcast = shapes <= most_shapes;
     if (data.broadcast) sort_occluders(scene, data, paths);

@@ -47,6 +47,7 @@ struct SceneData {
 
     std::vector<Row> surfaces, triangles, normals, bsdfs, lights;
     std::vector<Row> uvs, textures;  // empty in a scene without textures
+    std::vector<Row> environment;    // its image; three rows without one
     Block<Corners> corners;          // of the triangles, for the tree
     std::vector<TriangleRun> triangle_runs;
     int surface_count = 0, light_count = 0;  // tables have one empty entry where the scene has none
@@ -97,6 +98,8 @@ LightSource light_of_triangle(const Corners& corners, const Rgb& radiance, int n
 /// Whether float32 kernels can normalise the triangle's normal.
 bool has_area(const Corners& corners);
 void add_lights(const Scene& scene, SceneData& data, std::vector<LightSource> lights);
+/// The image around the scene, if there is one; after the lights.
+void add_environment(const Scene& scene, SceneData& data);
 /// Puts the flat shapes that can stand between a surface and a light first.
 void sort_occluders(const Scene& scene, SceneData& data, const RendererPaths& paths);
 /// Moves the rectangles and cubes with edges along the coordinate axes to lists of their own.

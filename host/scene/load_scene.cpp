@@ -3,6 +3,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "host/scene/bsdf.h"
 #include "host/scene/colour.h"
+#include "host/scene/environment.h"
 #include "host/scene/find_scene.h"
 #include "host/scene/sensor.h"
 #include "host/scene/shape.h"
@@ -79,10 +80,12 @@ class SceneReader {
     void read_emitter(pugi::xml_node node) {
         Properties emitter(file_, node);
         if (emitter.type() == "constant") {
-            if (has_constant_) file_.fail(node, "a scene has one constant emitter");
-            has_constant_ = true;
+            take_environment(node);
             scene_.environment = read_colour(emitter, "radiance", ColourUse::kRadiance, {1, 1, 1});
             scene_.has_environment = scene_.environment != Rgb{0, 0, 0};
+        } else if (emitter.type() == "envmap") {
+            take_environment(node);
+            read_environment_map(emitter, textures_, scene_);
         } else if (emitter.type() == "point") {
             read_point_light(emitter);
         } else if (emitter.type() == "area") {
@@ -90,10 +93,15 @@ class SceneReader {
         } else {
             return file_.unsupported(
                 node, "this emitter is not supported" +
-                          did_you_mean(emitter.type(), {"area", "constant", "point"}) +
-                          "; there are area (in a shape), constant, point");
+                          did_you_mean(emitter.type(), {"area", "constant", "envmap", "point"}) +
+                          "; there are area (in a shape), constant, envmap, point");
         }
         emitter.finish();
+    }
+
+    void take_environment(pugi::xml_node node) {
+        if (has_environment_) file_.fail(node, "a scene has one constant or envmap emitter");
+        has_environment_ = true;
     }
 
     void read_point_light(Properties& emitter) {
@@ -112,7 +120,7 @@ class SceneReader {
     TextureReader textures_;
     BsdfReader bsdfs_;
     ShapeReader shapes_;
-    bool has_sensor_ = false, has_integrator_ = false, has_constant_ = false;
+    bool has_sensor_ = false, has_integrator_ = false, has_environment_ = false;
 };
 
 }  // namespace

@@ -29,6 +29,7 @@ CASES = {
     "materials": (4096, Limits(passing=0.99, mean=0.006, block=6.0)),
     # The noise of both sides is half a percent of the red mean: small bright lights, rarely met.
     "textures": (4096, Limits(mean=0.005)),
+    "envmap": (4096, Limits(mean=0.005)),
     "many-lights": (16384, Limits(passing=0.99, mean=0.015, block=6.0)),
 }
 

@@ -110,7 +110,11 @@ struct Scene {
     std::vector<Texture> textures;
     std::vector<Shape> shapes;
     bool has_environment = false;
-    Rgb environment{0, 0, 0};  // constant emitter's radiance
+    Rgb environment{0, 0, 0};  // constant emitter's radiance; of an image the mean over the sphere
+    // The image, linear floats of radiance, in latitude and longitude as Mitsuba has it; width 0:
+    // none.
+    Image environment_map{};
+    std::array<float, 9> map_from_world{1, 0, 0, 0, 1, 0, 0, 0, 1};  // orthogonal, row-major
     struct PointLight {
         std::array<float, 3> position{};
         Rgb intensity{};

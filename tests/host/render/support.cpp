@@ -133,6 +133,25 @@ Scene menagerie() {
     return scene;
 }
 
+Scene outdoors() {
+    Scene scene;
+    scene.name = "outdoors";
+    scene.has_environment = true;
+    scene.environment_map = {.width = 4, .height = 3};
+    for (int i = 0; i < 36; ++i)
+        scene.environment_map.floats.push_back(i == 7 ? 20.0f : 0.1f * static_cast<float>(i % 5));
+    scene.environment = {0.7f, 0.7f, 0.7f};
+    scene.map_from_world = {0.6f, 0.8f, 0, -0.8f, 0.6f, 0, 0, 0, 1};
+    const int grey = add_diffuse(scene, {0.6f, 0.6f, 0.6f}),
+              frosted = add_material(scene, Bsdf::Type::kRoughDielectric);
+    using Type = Shape::Type;
+    add_shape(scene, Type::kRectangle, translate(0, -0.5f, 0) * rotate(0, -90) * scale(2), grey);
+    add_shape(scene, Type::kSphere, translate(-0.3f, 0, 0) * scale(0.5f), frosted);
+    add_mesh(scene, sphere_mesh(4, {0.6f, 0, 0.2f}, 0.4f, true), grey);
+    scene.view = look_at({0, 0.7f, 3}, {0, 0, 0}, {0, 1, 0}, 45);
+    return scene;
+}
+
 Frame render(Renderer& renderer, int width, int height, const std::vector<std::string>& channels,
              const RenderOptions& options) {
     Frame frame =

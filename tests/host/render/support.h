@@ -87,6 +87,8 @@ inline Shape& add_mesh(Scene& scene, Mesh mesh, int bsdf) {
 }
 /// One shape or material of every kind in a lit box.
 Scene menagerie();
+/// A few things under an image of a sky.
+Scene outdoors();
 
 // ---- Renders ----
 

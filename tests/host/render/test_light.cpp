@@ -37,6 +37,16 @@ std::vector<LightCase> cases() {
     Scene sky;
     sky.has_environment = true;
     sky.environment = {1, 2, 3};
+    // A small bright sun in a varied, turned sky, with black pixels.
+    Scene map;
+    map.has_environment = true;
+    map.environment_map = {.width = 16, .height = 9};
+    for (int i = 0; i < 16 * 9; ++i)
+        for (int c = 0; c < 3; ++c)
+            map.environment_map.floats.push_back(i == 60 ? 50.0f
+                                                         : static_cast<float>((i * (c + 3)) % 5));
+    map.environment = {2, 2, 2};
+    map.map_from_world = {0.36f, 0.48f, -0.8f, -0.8f, 0.6f, 0, 0.48f, 0.64f, 0.6f};
     // Lights of very different power, none in front of another as seen from near the origin.
     Scene many;
     const int grey = add_diffuse(many, {0.5f, 0.5f, 0.5f});
@@ -58,6 +68,7 @@ std::vector<LightCase> cases() {
         {"triangle", triangles},
         {"mesh", ball},
         {"sky", sky},
+        {"map", map},
         {"many", many, 0.5f},
     };
 }
@@ -133,7 +144,7 @@ TEST(Light, BothWaysToTheDensityAgree) {
 
 TEST(Light, SampleCarriesTheRadiance) {
     for (const LightCase& c : cases()) {
-        if (std::string(c.name) == "many") continue;
+        if (std::string(c.name) == "many" || std::string(c.name) == "map") continue;
         const Planes s = SelfTest(c.scene).sample_light({1.4f, 1.2f, 0.9f}, 7, 256);
         for (size_t i = 0; i < 256; ++i)
             for (size_t k = 0; k < 3; ++k)

@@ -219,13 +219,13 @@ const ChildCase kChildCases[] = {
     {"tree", 5, 2, {.spp = 2, .max_depth = 4, .lane_width = 4}, {.broadcast_shapes = 0}},
 };
 
-/// Prints sums over the bits, and the pixels, of two small images; for the tests below, which say
+/// Prints sums over the bits, and the pixels, of three small images; for the tests below, which say
 /// in PAVE_CHILD which case. Without it, a case of no special meaning.
 TEST(Child, PrintsBits) {
     const char* child = std::getenv("PAVE_CHILD");
     const ChildCase& c = kChildCases[child != nullptr ? std::stoi(child) : 1];
     std::printf("units %d\n", device().profile().compute_units);
-    for (const Scene& scene : {cornell(), menagerie()}) {
+    for (const Scene& scene : {cornell(), menagerie(), outdoors()}) {
         const Frame frame = render(scene, c.width, c.height, kAll, c.options, c.paths);
         uint64_t sum = 0;
         for (const std::string& channel : kAll) {
@@ -246,6 +246,7 @@ TEST(Child, RunsEveryTestKernel) {
     test.struct_sizes();
     test.philox(std::vector<std::array<uint32_t, 4>>(16), 1, 2);
     const Planes u = test.philox_units(3, 16);
+    test.texture(0, {u[0], u[1]});
     for (int shape = 0; shape < 5; ++shape) test.sample_shape(shape, 0.25f, {u[0], u[1]});
     const Planes wo = test.sample_bsdf(0, {0.1, 0.2, 0.97}, 4, 16);
     test.eval_bsdf(0, {wo[0], wo[1], wo[2], wo[0], wo[1], wo[2]});

@@ -175,7 +175,7 @@ const BadScene kBadScenes[] = {
     {"point_inside", "<shape type='cube'><emitter type='point'/></shape>",
      "only an \"area\" emitter can be inside a shape"},
     {"two_skies", "<emitter type='constant'/><emitter type='constant'/>",
-     "a scene has one constant emitter"},
+     "a scene has one constant or envmap emitter"},
     {"zero_area_emitter",
      "<shape type='sphere'><float name='radius' value='1e-25'/><emitter type='area'/></shape>",
      ":2: shape \"sphere\": the emitter has no area"},

@@ -1,5 +1,4 @@
-// Image files: what sound ones hold, and that broken ones are one error, whatever their library
-// does with them.
+// Image files and what is made of them; broken ones are one error, whatever their library does.
 // SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
 #include <csignal>
@@ -148,6 +147,45 @@ TEST_F(Textures, BeyondOneAreRefused) {
                                    sky + "'/></texture></bsdf>"))
                   .find("a reflectance must be in [0, 1]"),
               std::string::npos);
+}
+
+class EnvironmentMap : public SceneFiles {
+   protected:
+    static std::string body(const std::string& file, const std::string& extra = "") {
+        return "<shape type='cube'/><emitter type='envmap'><string name='filename' value='" +
+               std::string(PAVE_SOURCE_DIR) + "/scenes/textures/" + file + "'/>" + extra +
+               "</emitter>";
+    }
+};
+
+TEST_F(EnvironmentMap, IsReadScaledAndTurned) {
+    const Scene scene = load(body("sky.exr",
+                                  "<float name='scale' value='2'/><transform name='to_world'>"
+                                  "<rotate y='1' angle='90'/></transform>"));
+    const Image plain = decode_image(bytes_of("sky.exr"));
+    EXPECT_TRUE(scene.has_environment);
+    ASSERT_EQ(scene.environment_map.floats.size(), plain.floats.size());
+    EXPECT_EQ(scene.environment_map.floats[100], 2 * plain.floats[100]);
+    // The image's own axes in rows: its x is the world's -z, its z the world's x.
+    EXPECT_NEAR(scene.map_from_world[2], -1, 1e-6);
+    EXPECT_NEAR(scene.map_from_world[6], 1, 1e-6);
+    EXPECT_GT(scene.environment[2], 0.1f);
+    // Bytes are sRGB.
+    const Scene map = load(body("map.png"));
+    EXPECT_EQ(map.environment_map.floats.size(), 3u * 96 * 64);
+    EXPECT_TRUE(map.environment_map.bytes.empty());
+}
+
+TEST_F(EnvironmentMap, ThatCannotBeIsRefused) {
+    const auto expect = [&](const std::string& text, const std::string& reason) {
+        EXPECT_NE(error_of(with_sensor(text)).find(reason), std::string::npos) << reason;
+    };
+    expect(body("none.exr"), "no such file");
+    expect(body("sky.exr", "<float name='scale' value='-1'/>"), "must be in [0, 1e30]");
+    expect(body("sky.exr", "<transform name='to_world'><scale value='2'/></transform>"),
+           "an environment can only be turned");
+    expect(body("sky.exr") + "<emitter type='constant'/>", "one constant or envmap emitter");
+    expect("<shape type='cube'/><emitter type='envmap'/>", "needs a <string name=\"filename\">");
 }
 
 }  // namespace
