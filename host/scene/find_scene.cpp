@@ -7,6 +7,7 @@
 #include <cstdlib>
 #include <set>
 
+#include "host/scene/import_scene.h"
 #include "host/scene/text.h"
 #include "pave/error.h"
 #include "pave/frame.h"
@@ -43,7 +44,8 @@ std::vector<fs::path> scene_folders() {
 }
 
 fs::path find_scene(const std::string& path_or_name) {
-    if (path_or_name.find('/') != std::string::npos || path_or_name.ends_with(".xml"))
+    if (path_or_name.find('/') != std::string::npos || path_or_name.ends_with(".xml") ||
+        is_model(path_or_name))
         return path_or_name;
     if (!is_valid_name(path_or_name))
         throw InputError("scene " + quote(path_or_name) +

@@ -5,6 +5,7 @@
 #include "host/scene/colour.h"
 #include "host/scene/environment.h"
 #include "host/scene/find_scene.h"
+#include "host/scene/import_scene.h"
 #include "host/scene/sensor.h"
 #include "host/scene/shape.h"
 #include "host/scene/text.h"
@@ -128,6 +129,13 @@ class SceneReader {
 Scene load_scene(const std::string& path_or_name, const LoadOptions& options) {
     const std::filesystem::path path = find_scene(path_or_name);
     Hasher hasher;
+    if (is_model(path)) {
+        if (!options.defines.empty())
+            throw UsageError("a model has no parameters to set: " + quote(path.string()));
+        Scene scene = import_scene(path, hasher);
+        scene.hash = hasher.hex();
+        return scene;
+    }
     SceneFile file(path, read_file(path, kMaxXmlByteSize), options);
     hasher.update(file.text());
     // Defines change what the same bytes mean.

@@ -41,8 +41,9 @@ struct RayTracerOptions {
 };
 
 /// A scene on a device, for ray queries. Keeps no reference to the scene. One call at a time per
-/// object; distinct objects are independent. Results do not depend on lanes, segments or threads,
-/// but for ties: of several hits at exactly the same t any one may be named.
+/// object; distinct objects are independent. Results do not depend on segments or threads,
+/// and on lanes by a rounding at most, but for ties: of several hits at exactly the same t any one
+/// may be named.
 class RayTracer {
    public:
     /// Blocks until the scene is on the device. Throws InputError, naming the shape, for a scene
