@@ -100,7 +100,7 @@ static inline void record_vertex(const Scene* s, Paths* paths, LaneFilm* film, c
         add_value(film, SUM_DEPTH, first, t * dot3(paths->d, splat3(f[0], f[1], f[2])));
 #endif
 #if HAS_OBJECT
-        film->object = first & (sample == 0u) ? object_of_vertex(s, v) : film->object;
+        film->object = (first & (sample == 0u)) ? object_of_vertex(s, v) : film->object;
 #endif
 #if HAS_ALBEDO && !PAVE_HAS_SPECULAR
         add_values(film, SUM_ALBEDO, first, v->albedo);
