@@ -9,7 +9,6 @@
 #include "bench/meshes.h"
 #include "bench/peers.h"
 #include "bench/report.h"
-#include "pave/error.h"
 
 namespace pave::bench {
 namespace {
@@ -30,7 +29,7 @@ Hit first_hit_of_embree(const Scene& scene, int threads) {
     return hit;
 }
 
-int run(const Options& options) {
+void run(const Options& options) {
     const Device device = Device::select(options.device);
     const int threads = device.profile().compute_units;
     // Compiles the kernels of such a scene, which is no part of the question.
@@ -61,24 +60,17 @@ int run(const Options& options) {
         std::fprintf(stderr, "%s: peak resident set of the process so far %ld MB\n", name,
                      usage.ru_maxrss / 1024);
     }
-    return 0;
 }
 
 }  // namespace
 }  // namespace pave::bench
 
 int main(int argc, char** argv) {
-    const pave::bench::Options options = pave::bench::parse(
-        argc, argv,
+    return pave::bench::main_of(
+        argc, argv, pave::bench::run,
         "Seconds from a mesh in memory to the first hit: checks, build of the tree, packing, "
         "upload "
         "and one ray.\nKernels are compiled before, by a small scene. Embree 3: new scene over "
         "the mesh, rtcCommitScene at\nmedium quality on one thread a compute unit, rtcIntersect1. "
         "Both free what they made.");
-    try {
-        return pave::bench::run(options);
-    } catch (const pave::Error& error) {
-        std::fprintf(stderr, "bench: %s\n", error.what());
-        return static_cast<int>(error.exit_code());
-    }
 }

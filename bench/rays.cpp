@@ -8,7 +8,6 @@
 #include "bench/meshes.h"
 #include "bench/peers.h"
 #include "bench/report.h"
-#include "pave/error.h"
 
 namespace pave::bench {
 namespace {
@@ -56,37 +55,37 @@ void check_share(const std::string& name, size_t wrong, size_t count) {
              " rays have another answer than Embree's");
 }
 
-void closest_case(const Subjects& s, const std::string& name, const std::vector<Ray>& rays) {
+/// Checks PAVE's answers against Embree's, then times both. `trace(tracer, answers)` serves either
+/// tracer.
+template <class Answer, class Trace, class Same>
+void ray_case(const Subjects& s, const std::string& name, size_t count, Trace trace, Same same) {
     if (name.find(s.options.only) == std::string::npos) return;
-    std::vector<Hit> hits(rays.size()), expected(rays.size());
-    s.tracer.trace_closest(rays, hits);
-    std::vector<std::function<void()>> subjects{[&] { s.tracer.trace_closest(rays, hits); }};
+    std::vector<Answer> answers(count), expected(count);
+    trace(s.tracer, answers);
+    std::vector<std::function<void()>> subjects{[&] { trace(s.tracer, answers); }};
     if (s.embree != nullptr) {
-        s.embree->trace_closest(rays, expected);
+        trace(*s.embree, expected);
         size_t wrong = 0;
-        for (size_t i = 0; i < rays.size(); ++i) wrong += !same_t(hits[i].t, expected[i].t);
-        check_share(name, wrong, rays.size());
-        subjects.push_back([&] { s.embree->trace_closest(rays, expected); });
+        for (size_t i = 0; i < count; ++i) wrong += !same(answers[i], expected[i]);
+        check_share(name, wrong, count);
+        subjects.push_back([&] { trace(*s.embree, expected); });
     }
-    report(s, name, rays.size(), interleaved(s.options.rounds, subjects));
+    report(s, name, count, interleaved(s.options.rounds, subjects));
+}
+
+void closest_case(const Subjects& s, const std::string& name, const std::vector<Ray>& rays) {
+    ray_case<Hit>(
+        s, name, rays.size(), [&](auto& tracer, auto& hits) { tracer.trace_closest(rays, hits); },
+        [](const Hit& a, const Hit& b) { return same_t(a.t, b.t); });
 }
 
 void any_case(const Subjects& s, const std::string& name, const std::vector<Ray>& rays) {
-    if (name.find(s.options.only) == std::string::npos) return;
-    std::vector<uint8_t> occluded(rays.size()), expected(rays.size());
-    s.tracer.trace_any(rays, occluded);
-    std::vector<std::function<void()>> subjects{[&] { s.tracer.trace_any(rays, occluded); }};
-    if (s.embree != nullptr) {
-        s.embree->trace_any(rays, expected);
-        size_t wrong = 0;
-        for (size_t i = 0; i < rays.size(); ++i) wrong += occluded[i] != expected[i];
-        check_share(name, wrong, rays.size());
-        subjects.push_back([&] { s.embree->trace_any(rays, expected); });
-    }
-    report(s, name, rays.size(), interleaved(s.options.rounds, subjects));
+    ray_case<uint8_t>(
+        s, name, rays.size(), [&](auto& tracer, auto& hits) { tracer.trace_any(rays, hits); },
+        [](uint8_t a, uint8_t b) { return a == b; });
 }
 
-int run(const Options& options) {
+void run(const Options& options) {
     const Device device = Device::select(options.device);
     const std::vector<MeshSize> sizes =
         options.quick ? std::vector<MeshSize>{{"4k", 4000}}
@@ -104,23 +103,16 @@ int run(const Options& options) {
         closest_case(s, "closest-primary-" + name, primary_rays(side));
         any_case(s, "any-shadow-" + name, shadow_rays(mesh, side * side, 2));
     }
-    return 0;
 }
 
 }  // namespace
 }  // namespace pave::bench
 
 int main(int argc, char** argv) {
-    const pave::bench::Options options = pave::bench::parse(
-        argc, argv,
+    return pave::bench::main_of(
+        argc, argv, pave::bench::run,
         "Rays a second through a bumpy sphere in a box of 4k, 262k and 2M triangles: closest hits "
         "of "
         "diffuse\nbounces and of primary rays, and occlusion. Embree 3: rtcIntersect1 and "
         "rtcOccluded1, medium build quality,\nno robust flag, one thread a compute unit.");
-    try {
-        return pave::bench::run(options);
-    } catch (const pave::Error& error) {
-        std::fprintf(stderr, "bench: %s\n", error.what());
-        return static_cast<int>(error.exit_code());
-    }
 }

@@ -10,6 +10,7 @@
 #include <cstdlib>
 #include <cstring>
 
+#include "pave/error.h"
 #include "pave/version.h"
 
 namespace pave::bench {
@@ -131,6 +132,17 @@ void print(const Line& line, const Device& device, const std::vector<double>& ow
                   spread(own_s));
     std::printf("%s%s\n", text.c_str(), number);
     std::fflush(stdout);
+}
+
+int main_of(int argc, char** argv, void (*run)(const Options&), const char* question) {
+    const Options options = parse(argc, argv, question);
+    try {
+        run(options);
+        return 0;
+    } catch (const Error& error) {
+        std::fprintf(stderr, "bench: %s\n", error.what());
+        return static_cast<int>(error.exit_code());
+    }
 }
 
 void fail(const std::string& why) {

@@ -18,6 +18,9 @@ struct Options {
     std::string only;  // cases whose name holds this
 };
 
+/// The program: runs it with the options of the command line; an error of PAVE's is one line on
+/// stderr and its exit code.
+int main_of(int argc, char** argv, void (*run)(const Options&), const char* question);
 /// Options of the command line; prints the usage and exits with 0 for --help, with 2 for mistakes.
 Options parse(int argc, char** argv, const char* question);
 
