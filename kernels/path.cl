@@ -150,9 +150,10 @@ static inline void add_light_sample(const Scene* s, Paths* paths, LaneFilm* film
     const vec3 f = eval_bsdf(m, wi, to_local(basis, ls.wi), &bsdf_pdf);
     const vmask useful = on & (ls.pdf > 0.0f) & (max_component(f) > 0.0f);
     if (!lane_any(useful)) return;
-    // The power heuristic's weight over the density, in one division.
-    const vfloat by_both = ls.pdf * reciprocal(mad_f(ls.pdf, ls.pdf, bsdf_pdf * bsdf_pdf));
-    const vfloat weight = ls.delta ? reciprocal(ls.pdf) : by_both;
+    // The power heuristic's weight over the density; no square of the light's, which may be huge.
+    const vfloat alone = reciprocal(ls.pdf);
+    const vfloat by_both = reciprocal(mad_f(bsdf_pdf * bsdf_pdf, alone, ls.pdf));
+    const vfloat weight = ls.delta ? alone : by_both;
     const vec3 value = mul3(mul3(paths->throughput, f), scale3(ls.radiance, weight));
     const vec3 start = leave_surface(v->p, v->n_geom, v->offset, ls.wi);
     const vec3 to = select3(ls.unbounded, ls.wi, sub3(ls.end, start));
