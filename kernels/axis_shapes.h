@@ -31,8 +31,7 @@ static inline void closest_axis_rects(const Scene* s, const AxisRays* rays, Hit*
         for (int i = 0; i < s->p->axis_rects[k]; ++i, ++rect) {
             vfloat t;
             const vmask m = meet_axis_rect(rect, rays, k, &t) & (t < hit->t);
-            hit->t = m ? t : hit->t;
-            hit->id = m ? as_vint(splat_uint(rect->surface)) : hit->id;
+            take_hit(hit, m, t, as_vint(splat_uint(rect->surface)));
         }
 }
 /// The first axis_shadow[k] across each axis are those that can block.

@@ -20,6 +20,12 @@ static inline Hit no_hit(void) {
     return hit;
 }
 
+/// Where `m`, which is closer than all before.
+static inline void take_hit(Hit* hit, vmask m, vfloat t, vint id) {
+    hit->t = m ? t : hit->t;
+    hit->id = m ? id : hit->id;
+}
+
 static inline vfloat linear(__global const ShapeFloat* row, vec3 p) {
     return mad_f(splat(row[0]), p.x, mad_f(splat(row[1]), p.y, splat(row[2]) * p.z));
 }
@@ -42,8 +48,7 @@ static inline vmask meet_flat(__global const FlatShape* s, int kind, vec3 o, vec
 static inline void closest_flat(__global const FlatShape* s, int kind, vec3 o, vec3 d, Hit* hit) {
     vfloat t;
     const vmask m = meet_flat(s, kind, o, d, &t) & (t < hit->t);
-    hit->t = m ? t : hit->t;
-    hit->id = m ? as_vint(splat_uint(s->surface)) : hit->id;
+    take_hit(hit, m, t, as_vint(splat_uint(s->surface)));
 }
 static inline vmask occludes_flat(__global const FlatShape* s, int kind, vec3 o, vec3 d,
                                   vfloat t_max) {
@@ -85,15 +90,13 @@ static inline void closest_slabs(const Slabs* r, vint x, vint y, vint z, Hit* hi
     face = r->enter.y == r->t_in ? y + sign_bit(r->pace.y) : face;
     face = r->enter.x == r->t_in ? x + sign_bit(r->pace.x) : face;
     const vmask enters = through & (r->t_in > 0.0f) & (r->t_in < hit->t);
-    hit->id = enters ? face : hit->id;
-    hit->t = enters ? r->t_in : hit->t;
+    take_hit(hit, enters, r->t_in, face);
     const vmask leaves = through & (r->t_in <= 0.0f) & (r->t_out > 0.0f) & (r->t_out < hit->t);
     if (!lane_any(leaves)) return;  // only rays that start inside
     face = z + 1 - sign_bit(r->pace.z);
     face = r->leave.y == r->t_out ? y + 1 - sign_bit(r->pace.y) : face;
     face = r->leave.x == r->t_out ? x + 1 - sign_bit(r->pace.x) : face;
-    hit->id = leaves ? face : hit->id;
-    hit->t = leaves ? r->t_out : hit->t;
+    take_hit(hit, leaves, r->t_out, face);
 }
 static inline vmask occludes_slabs(const Slabs* r, vfloat t_max) {
     const vfloat t = r->t_in > 0.0f ? r->t_in : r->t_out;
@@ -127,8 +130,7 @@ static inline vmask meet_sphere(__global const SphereShape* s, vec3 o, vec3 d, v
 static inline void closest_sphere(__global const SphereShape* s, vec3 o, vec3 d, Hit* hit) {
     vfloat t;
     const vmask m = meet_sphere(s, o, d, &t) & (t < hit->t);
-    hit->t = m ? t : hit->t;
-    hit->id = m ? as_vint(splat_uint(s->surface)) : hit->id;
+    take_hit(hit, m, t, as_vint(splat_uint(s->surface)));
 }
 static inline vmask occludes_sphere(__global const SphereShape* s, vec3 o, vec3 d, vfloat t_max) {
     vfloat t;

@@ -93,6 +93,13 @@ static inline vint choose_light(const Scene* s, vuint bits) {
 #endif
 }
 
+/// Density by solid angle of a point chosen evenly over the light's area; `to` leads from where one
+/// stands to the point, n is its normal.
+static inline vfloat pdf_by_area(const Light* l, vec3 to, vec3 n) {
+    const vfloat d2 = dot3(to, to), d = d2 * inverse_sqrt(d2);
+    return l->pdf_area * d2 * d * reciprocal(vabs(dot3(n, to)));
+}
+
 // ---- Spheres: by the cone that they fill; from inside, by area ----
 
 #if PAVE_HAS_SPHERE_LIGHT
@@ -107,10 +114,7 @@ static inline vmask cone_to_sphere(vec3 center, vfloat radius, vec3 p, vfloat* h
 static inline vfloat pdf_sphere_light(const Light* l, vec3 p, vec3 on, vec3 n_geom) {
     vfloat height;
     const vmask outside = cone_to_sphere(l->p, l->radius, p, &height);
-    const vec3 to = sub3(on, p);
-    const vfloat d2 = dot3(to, to);
-    const vfloat by_area = l->pdf_area * d2 * sqrt(d2) / vabs(dot3(n_geom, to));
-    return outside ? l->pmf * pdf_cone(height) : by_area;
+    return outside ? l->pmf * pdf_cone(height) : pdf_by_area(l, sub3(on, p), n_geom);
 }
 /// Point on the sphere and its outward normal; *pdf by solid angle.
 static inline vec3 sample_sphere_light(const Light* l, vec3 p, vfloat u1, vfloat u2, vec3* n,
@@ -137,9 +141,7 @@ static inline vec3 sample_sphere_light(const Light* l, vec3 p, vfloat u1, vfloat
 
 /// Density with which sample_light would have found the point `on` of light l from p.
 static inline vfloat pdf_light(const Light* l, vec3 p, vec3 on, vec3 n_geom) {
-    const vec3 to = sub3(on, p);
-    const vfloat d2 = dot3(to, to);
-    vfloat pdf = l->pdf_area * d2 * d2 * inverse_sqrt(d2) * reciprocal(vabs(dot3(n_geom, to)));
+    vfloat pdf = pdf_by_area(l, sub3(on, p), n_geom);
 #if PAVE_HAS_SPHERE_LIGHT
     const vmask sphere = l->kind == LIGHT_SPHERE;
     if (lane_any(sphere)) pdf = sphere ? pdf_sphere_light(l, p, on, n_geom) : pdf;
@@ -173,9 +175,7 @@ static inline vec3 sample_area_light(const Scene* s, const Light* l, vec3 p, vfl
 #endif
     vec3 on = mad3(l->e2, b, mad3(l->e1, a, l->p));
     *n = l->n;
-    const vec3 to = sub3(on, p);
-    const vfloat d2 = dot3(to, to);
-    *pdf = l->pdf_area * d2 * d2 * inverse_sqrt(d2) * reciprocal(vabs(dot3(*n, to)));
+    *pdf = pdf_by_area(l, sub3(on, p), *n);
     *n_side = *n;
 #if PAVE_HAS_TRIANGLE_LIGHT && PAVE_HAS_SMOOTH
     *n_side = smooth_normal(s, triangle ? l->normals : splat_int(-1), a, b, *n);

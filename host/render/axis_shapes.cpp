@@ -1,6 +1,7 @@
 // Finds the rectangles and cubes that the cheaper tests of kernels/axis_shapes.h serve.
 // SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
+#include <bit>
 #include <cmath>
 
 #include "host/render/scene_data.h"
@@ -18,16 +19,8 @@ unsigned components(const float* v) {
 }
 /// The axis that v runs along; -1: none.
 int axis_along(const float* v) {
-    switch (components(v)) {
-        case 1:
-            return 0;
-        case 2:
-            return 1;
-        case 4:
-            return 2;
-        default:
-            return -1;
-    }
+    const unsigned bits = components(v);
+    return std::has_single_bit(bits) ? std::countr_zero(bits) : -1;
 }
 
 /// Where the rectangle lies along `axis`, which is that of its row `along`.

@@ -13,7 +13,7 @@ namespace {
 constexpr size_t kMostTriangles = 256;  // of a mesh that is looked at; pairs are compared
 // How far corners may lie from where a parallelogram has them, in units of the mesh's extent: what
 // float32 files round, and far less than a ray's offset from its surface.
-constexpr double kTolerance = 2e-7;
+constexpr double kTolerance = 1.6e-6;
 
 /// u, a, c, b around; its normal is that of the triangle u, a, b.
 struct Parallelogram {
@@ -66,8 +66,9 @@ std::vector<Parallelogram> pair_up(const Mesh& mesh, double tolerance,
     return found;
 }
 
-/// Whether a side and the six are the faces of one box, and then its half axes and center.
-bool is_box(const std::vector<Parallelogram>& sides, double tolerance, Axes& box, bool& inverted) {
+/// Whether the six are the faces of one box, and then where a cube must go to be it.
+bool is_box(const std::vector<Parallelogram>& sides, double tolerance, Matrix4& box,
+            bool& inverted) {
     if (sides.size() != 6) return false;
     Double3 center;
     for (const Parallelogram& side : sides) center = center + side.center() / 6;
@@ -99,7 +100,7 @@ bool is_box(const std::vector<Parallelogram>& sides, double tolerance, Axes& box
     }
     if (ends != std::array<int, 6>{1, 1, 1, 1, 1, 1} || (outwards != 0 && outwards != 6))
         return false;
-    box = Axes(matrix_of(x, y, z, center));
+    box = matrix_of(x, y, z, center);
     inverted = outwards == 0;
     return std::abs(dot(cross(x, y), z)) > 0;
 }
@@ -136,13 +137,13 @@ std::vector<Shape> parts_of(const Shape& shape, const Bsdf& bsdf) {
                        mesh.positions[triangle[2]]}))
             return {};
     }
-    const double tolerance = 8 * kTolerance * extent;
+    const double tolerance = kTolerance * extent;
     std::vector<std::array<uint32_t, 3>> left;
     const std::vector<Parallelogram> sides = pair_up(mesh, tolerance, left);
-    Axes box(shape.world_from_object);
+    Matrix4 box{};
     bool inverted = false;
     if (left.empty() && is_box(sides, tolerance, box, inverted)) {
-        Shape cube = like(shape, Shape::Type::kCube, matrix_of(box.x, box.y, box.z, box.origin));
+        Shape cube = like(shape, Shape::Type::kCube, box);
         cube.flip_normals = inverted;
         return {cube};
     }

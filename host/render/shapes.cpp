@@ -2,7 +2,6 @@
 // shade and sample.
 // SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <numbers>
 
@@ -27,19 +26,15 @@ void set3(float* to, Double3 v) {
     to[2] = static_cast<float>(v.z);
 }
 
-/// Box of the points, wider by more than the rounding of the floats that they were computed from.
-template <size_t N>
-Aabb box_around(const std::array<Double3, N>& points) {
-    double largest = 0;
-    for (const Double3& p : points) largest = std::max(largest, max_abs(p));
-    const double slack = 8 * kFloatStep * largest;
-    Aabb box;
-    for (const Double3& p : points) {
-        box.grow_to(to_floats(p - Double3{slack, slack, slack}));
-        box.grow_to(to_floats(p + Double3{slack, slack, slack}));
+/// u and v in the plane across `normal`: dot(u, a x + b y) is a, dot(v, a x + b y) is b.
+struct DualAxes {
+    Double3 u, v;
+
+    DualAxes(Double3 x, Double3 y, Double3 normal) : u(cross(y, normal)), v(cross(normal, x)) {
+        u = u / dot(x, u);
+        v = v / dot(y, v);
     }
-    return box;
-}
+};
 
 class ShapeAdder {
    public:
@@ -55,28 +50,15 @@ class ShapeAdder {
         const Double3 up = normalized(area);
         // By the inverse transpose: towards the object's +z, also if the transform mirrors.
         const Double3 normal = (dot(area, axes.z) < 0) != shape.flip_normals ? -up : up;
-        const Double3 across_u = cross(axes.y, up), across_v = cross(up, axes.x);
-        const Double3 u = across_u / dot(axes.x, across_u), v = across_v / dot(axes.y, across_v);
-        const double reach = max_abs(axes.origin) + max_abs(axes.x) + max_abs(axes.y);
-        const double slack = 4 * kFloatStep * (1 + reach * std::max(max_abs(u), max_abs(v)));
-
-        kernel::FlatShape flat{};
-        set3(flat.u, u);
-        set3(flat.v, v);
-        set3(flat.n, normal);
-        flat.u[3] = static_cast<float>(-dot(u, axes.origin));
-        flat.v[3] = static_cast<float>(-dot(v, axes.origin));
-        flat.n[3] = static_cast<float>(dot(normal, axes.origin));
-        flat.limit = static_cast<float>(is_disk ? 1 + 2 * slack : 1 + slack);
-        flat.surface = surface_count();
-        flat.kind = is_disk ? FLAT_DISK : FLAT_RECT;
-        push_flat(flat);
+        const DualAxes dual(axes.x, axes.y, normal);
+        const float plane =
+            push_flat(is_disk ? FLAT_DISK : FLAT_RECT, axes.origin, axes.x, axes.y, dual, normal);
 
         // A rectangle's (u, v) are its object coordinates from 0 to 1, a disk's are polar.
         if (is_disk)
-            add_uv_map(axes.origin, u, v, {0, 0, 0}, 1, 0);
+            add_uv_map(axes.origin, dual.u, dual.v, {0, 0, 0}, 1, 0);
         else
-            add_uv_map(axes.origin, u, v, {0, 0, 0}, 0.5, 0.5);
+            add_uv_map(axes.origin, dual.u, dual.v, {0, 0, 0}, 0.5, 0.5);
         LightSource light{.kind = is_disk ? LIGHT_DISK : LIGHT_QUAD,
                           .p = axes.origin,
                           .e1 = axes.x,
@@ -88,7 +70,7 @@ class ShapeAdder {
             light.e1 = axes.x * 2;
             light.e2 = axes.y * 2;
         }
-        add_surface(shape, is_disk ? SURFACE_DISK : SURFACE_FLAT, normal, flat.n[3],
+        add_surface(shape, is_disk ? SURFACE_DISK : SURFACE_FLAT, normal, plane,
                     is_disk ? axes.origin : axes.x, light);
     }
 
@@ -157,32 +139,36 @@ class ShapeAdder {
         return static_cast<uint32_t>(data_.surfaces.size() / SURFACE_ROWS);
     }
 
-    void push_flat(const kernel::FlatShape& flat) {
+    /// Appends the shape of the next surface; returns its plane's distance from the origin.
+    float push_flat(uint32_t kind, Double3 origin, Double3 x, Double3 y, const DualAxes& dual,
+                    Double3 normal) {
+        const double reach = max_abs(origin) + max_abs(x) + max_abs(y);
+        const double slack =
+            4 * kFloatStep * (1 + reach * std::max(max_abs(dual.u), max_abs(dual.v)));
+        kernel::FlatShape flat{};
+        set3(flat.u, dual.u);
+        set3(flat.v, dual.v);
+        set3(flat.n, normal);
+        flat.u[3] = static_cast<float>(-dot(dual.u, origin));
+        flat.v[3] = static_cast<float>(-dot(dual.v, origin));
+        flat.n[3] = static_cast<float>(dot(normal, origin));
+        flat.limit = static_cast<float>(kind == FLAT_RECT   ? 1 + slack
+                                        : kind == FLAT_DISK ? 1 + 2 * slack
+                                                            : 2 * slack);
+        flat.surface = surface_count();
+        flat.kind = kind;
         data_.flats.push_back(flat);
-        ++data_.flat_count[flat.kind];
+        ++data_.flat_count[kind];
+        return flat.n[3];
     }
 
     void add_facet(const Shape& shape, const Corners& corners) {
         const Double3 p = to_double3(corners[0]), x = to_double3(corners[1]) - p,
                       y = to_double3(corners[2]) - p;
         const Double3 normal = normalized(cross(x, y));
-        const Double3 across_u = cross(y, normal), across_v = cross(normal, x);
-        const Double3 u = across_u / dot(x, across_u), v = across_v / dot(y, across_v);
-        const double reach = max_abs(p) + max_abs(x) + max_abs(y);
-        kernel::FlatShape flat{};
-        set3(flat.u, u);
-        set3(flat.v, v);
-        set3(flat.n, normal);
-        flat.u[3] = static_cast<float>(-dot(u, p));
-        flat.v[3] = static_cast<float>(-dot(v, p));
-        flat.n[3] = static_cast<float>(dot(normal, p));
-        flat.limit =
-            static_cast<float>(8 * kFloatStep * (1 + reach * std::max(max_abs(u), max_abs(v))));
-        flat.surface = surface_count();
-        flat.kind = FLAT_TRIANGLE;
-        push_flat(flat);
+        const float plane = push_flat(FLAT_TRIANGLE, p, x, y, DualAxes(x, y, normal), normal);
         add_uv_map({}, {}, {}, {}, 1, 0);  // its material has no texture
-        add_surface(shape, SURFACE_FLAT, normal, flat.n[3], x,
+        add_surface(shape, SURFACE_FLAT, normal, plane, x,
                     light_of_triangle(corners, shape.radiance, -1));
     }
 
@@ -276,144 +262,6 @@ void add_shapes(const Scene& scene, SceneData& data, std::vector<LightSource>& l
     for (const auto& parts : data.parts)
         for (const Shape& part : parts)
             if (part.type == Shape::Type::kMesh) adder.add_facets(part);
-}
-
-// What follows reads the kernels' own floats, so that it holds for what they will intersect.
-
-/// Corners of the parallelogram around a flat shape, from its dual axes.
-static std::array<Double3, 4> corners_of(const kernel::FlatShape& flat) {
-    const Double3 u{flat.u[0], flat.u[1], flat.u[2]}, v{flat.v[0], flat.v[1], flat.v[2]},
-        n{flat.n[0], flat.n[1], flat.n[2]};
-    // Rows u, v, n of the world-to-object map; columns of its inverse are the axes.
-    const double det = dot(u, cross(v, n));
-    const Double3 x = cross(v, n) / det, y = cross(n, u) / det, z = cross(u, v) / det;
-    const Double3 center = x * -flat.u[3] + y * -flat.v[3] + z * flat.n[3];
-    if (flat.kind == FLAT_TRIANGLE) return {center, center + x, center + y, center};
-    return {center - x - y, center + x - y, center - x + y, center + x + y};
-}
-
-/// Edges of the cube from its center, from its dual axes.
-static std::array<Double3, 3> axes_of(const kernel::CubeShape& cube) {
-    Double3 row[3];
-    for (int a = 0; a < 3; ++a) row[a] = {cube.row[a][0], cube.row[a][1], cube.row[a][2]};
-    const double det = dot(row[0], cross(row[1], row[2]));
-    return {cross(row[1], row[2]) / det, cross(row[2], row[0]) / det, cross(row[0], row[1]) / det};
-}
-
-Aabb bounds_of(const kernel::FlatShape& flat) { return box_around(corners_of(flat)); }
-
-Aabb bounds_of(const kernel::CubeShape& cube) {
-    const std::array<Double3, 3> axis = axes_of(cube);
-    std::array<Double3, 8> corners;
-    for (size_t corner = 0; corner < 8; ++corner)
-        for (size_t a = 0; a < 3; ++a)
-            corners[corner] =
-                corners[corner] + axis[a] * ((corner >> a & 1 ? 1.0 : -1.0) - cube.row[a][3]);
-    return box_around(corners);
-}
-
-Aabb bounds_of(const kernel::SphereShape& sphere) {
-    const Double3 center{sphere.center[0], sphere.center[1], sphere.center[2]};
-    const Double3 reach{sphere.radius, sphere.radius, sphere.radius};
-    return box_around(std::array{center - reach, center + reach});
-}
-
-namespace {
-
-/// Least and greatest signed distance of the box's corners from the plane of `flat`.
-std::array<double, 2> distances(const kernel::FlatShape& flat, const Aabb& box) {
-    double low = -flat.n[3], high = -flat.n[3];
-    for (size_t a = 0; a < 3; ++a) {
-        const double p = static_cast<double>(flat.n[a]) * box.lower[a],
-                     q = static_cast<double>(flat.n[a]) * box.upper[a];
-        low += std::min(p, q);
-        high += std::max(p, q);
-    }
-    return {low, high};
-}
-
-/// Extent of a rotated cube seen along n, which its box would overstate.
-std::array<double, 2> distances(const kernel::FlatShape& flat, const kernel::CubeShape& cube) {
-    const std::array<Double3, 3> axis = axes_of(cube);
-    const Double3 n{flat.n[0], flat.n[1], flat.n[2]};
-    double low = -flat.n[3], high = -flat.n[3];
-    for (size_t a = 0; a < 3; ++a) {
-        const double middle = -dot(n, axis[a]) * cube.row[a][3], half = std::abs(dot(n, axis[a]));
-        low += middle - half;
-        high += middle + half;
-    }
-    return {low, high};
-}
-
-}  // namespace
-
-/// Whether all that a shadow ray can start from or end at lies on one side of the plane: then the
-/// shape never blocks one.
-static bool is_hull(const SceneData& data, const Scene& scene, const kernel::FlatShape& flat) {
-    const double tolerance = 1e-5 * max_abs({data.bounds.upper[0] - data.bounds.lower[0],
-                                             data.bounds.upper[1] - data.bounds.lower[1],
-                                             data.bounds.upper[2] - data.bounds.lower[2]});
-    double low = 0, high = 0;
-    const auto take = [&](std::array<double, 2> d) {
-        low = std::min(low, d[0]);
-        high = std::max(high, d[1]);
-    };
-    for (const kernel::FlatShape& other : data.flats)
-        for (const Double3& p : corners_of(other)) {
-            const double d = dot(p, {flat.n[0], flat.n[1], flat.n[2]}) - flat.n[3];
-            take({d, d});
-        }
-    for (const kernel::CubeShape& cube : data.cubes) take(distances(flat, cube));
-    for (const kernel::SphereShape& sphere : data.spheres) {
-        const double d = dot({sphere.center[0], sphere.center[1], sphere.center[2]},
-                             {flat.n[0], flat.n[1], flat.n[2]}) -
-                         flat.n[3];
-        take({d - sphere.radius, d + sphere.radius});
-    }
-    for (const auto& triangle : data.corners) {
-        Aabb box;
-        for (const auto& corner : triangle) box.grow_to(corner);
-        take(distances(flat, box));
-    }
-    for (const Scene::PointLight& light : scene.point_lights) {
-        Aabb point;
-        point.grow_to(light.position);
-        take(distances(flat, point));
-    }
-    return low >= -tolerance || high <= tolerance;
-}
-
-void sort_occluders(const Scene& scene, SceneData& data, const RendererPaths& paths) {
-    const bool one_light = data.lights.size() == LIGHT_ROWS;
-    const auto can_block = [&](const kernel::FlatShape& flat) {
-        if (!paths.cull_occluders || scene.has_environment) return true;
-        const bool is_light =
-            bits_emits(std::bit_cast<uint32_t>(data.surfaces[flat.surface * SURFACE_ROWS][3]));
-        // A ray that ends on the emitting side of the only light does not pass through it.
-        if (is_light && one_light) return false;
-        return !is_hull(data, scene, flat);
-    };
-    const std::vector<bool> blocks = [&] {
-        std::vector<bool> result;
-        for (const kernel::FlatShape& flat : data.flats) result.push_back(can_block(flat));
-        return result;
-    }();
-    const auto is_blocking = [&](const kernel::FlatShape& flat) {
-        return blocks[static_cast<size_t>(&flat - data.flats.data())];
-    };
-    std::vector<kernel::FlatShape> sorted;
-    auto from = data.flats.begin();
-    for (size_t kind = 0; kind < FLAT_KINDS; ++kind) {
-        const auto to = from + data.flat_count[kind];
-        for (bool blocking : {true, false})
-            for (auto it = from; it != to; ++it)
-                if (is_blocking(*it) == blocking) {
-                    sorted.push_back(*it);
-                    data.flat_shadow[kind] += blocking;
-                }
-        from = to;
-    }
-    data.flats = std::move(sorted);
 }
 
 }  // namespace pave
