@@ -92,6 +92,9 @@
 #ifndef PAVE_STACK /* traversal stack, 8..1024; the host computes what a tree needs */
 #define PAVE_STACK 128
 #endif
+#ifndef PAVE_TREE_TURNS /* 0 or 1: rays take turns in the tree, which is larger than the caches */
+#define PAVE_TREE_TURNS 0
+#endif
 #ifndef PAVE_SEGMENT /* most pixels a work-item renders, 1..256; 1 keeps their sums in registers \
                       */
 #define PAVE_SEGMENT 64

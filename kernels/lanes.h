@@ -73,6 +73,20 @@ typedef vint vmask;  // 0 or -1, as vector comparisons give
 #define PAVE_BUILTINS 0
 #endif
 
+#if defined(__AVX__) && defined(__has_builtin)
+#if __has_builtin(__builtin_ia32_movmskps256)
+#ifndef PAVE_BUILTINS_8 /* 0 or 1: the same for 8 floats, whatever PAVE_LANES is */
+#define PAVE_BUILTINS_8 1
+#endif
+#endif
+#endif
+#ifndef PAVE_BUILTINS_8
+#define PAVE_BUILTINS_8 0
+#endif
+
+#if PAVE_BUILTINS_8
+typedef float plain_float8 __attribute__((vector_size(32)));
+#endif
 #if PAVE_BUILTINS
 typedef float plain_float16 __attribute__((vector_size(64)));
 typedef int plain_int16 __attribute__((vector_size(64)));
@@ -115,16 +129,26 @@ static inline int lane_any(vmask m) {
 
 /// Bit i is set if lane i of an 8-wide mask is; also used by the 8-wide tree whatever PAVE_LANES
 /// is.
+#if PAVE_BUILTINS_8
+static inline uint bits_of_8(int8 m) {
+    return (uint)__builtin_ia32_movmskps256(__builtin_astype(m, plain_float8));
+}
+#else
 static inline uint bits_of_8(int8 m) {
     const ulong bytes = as_ulong(convert_char8(m));
     return (uint)(((bytes & 0x8040201008040201UL) * 0x0101010101010101UL) >> 56);
 }
+#endif
 #if PAVE_LANES == 8
 #define lane_bits(m) bits_of_8(m)
 #elif PAVE_LANES == 16 && !PAVE_BUILTINS
 #define lane_bits(m) (bits_of_8((m).lo) | bits_of_8((m).hi) << 8)
 #endif
 
+/// Lanes whose bit is set: undoes lane_bits.
+static inline vmask mask_of_bits(uint bits) {
+    return ((splat_uint(bits) >> as_vuint(splat_int(0) + LANE_INDEX)) & 1u) != 0u;
+}
 /// Index of the lowest set bit; `bits` is not 0.
 static inline uint lowest_bit(uint bits) { return popcount(~bits & (bits - 1u)); }
 

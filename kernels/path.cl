@@ -169,7 +169,8 @@ static inline void extend_paths(const Scene* s, const PhiloxKeys* keys, const Sc
     __constant const PathParams* p = s->p;
     // First, so that their long chain of multiplications runs beside the intersections.
     const VertexNumbers n = vertex_numbers(s, keys, image_pixel(s, w), w->sample_of, paths->depth);
-    const Hit hit = trace_closest(s, paths->o, paths->d, paths->alive, paths->skip);
+    const Hit hit =
+        trace_closest(s, paths->o, paths->d, splat(INFINITY), paths->alive, paths->skip);
     Vertex v = vertex_of(s, &hit, paths->o, paths->d);
 #if PAVE_HAS_TEXTURES
     apply_textures(s, &hit, &v);

@@ -1,10 +1,7 @@
 // Ray queries over buffers: the closest hit of every ray, or whether it meets anything at all.
 // SPDX-License-Identifier: BSD-3-Clause
-// A work-item takes `segment` rays, a multiple of PAVE_LANES. Where some shapes are broadcast, that
-// many go at a time. Else they go one after the other, but for PAVE_LANES neighbours whose
-// directions agree in signs and largest axis: these go through the tree together. No t depends on
-// that.
-#include "packet.h"
+// A work-item takes `segment` rays, a multiple of PAVE_LANES, and traces PAVE_LANES of them at a
+// time.
 #include "trace.h"
 // After the lane width, which the structs of render_types.h depend on.
 #include "ray_types.h"
@@ -51,9 +48,6 @@ static inline void write_hit(__global HitRecord* hit, float t, int id, float b1,
     hit->b2 = b2;
 }
 
-#define RAYS_BY_LANES (PAVE_HAS_SHAPES || !PAVE_HAS_TREE)
-#if RAYS_BY_LANES || PAVE_HAS_PACKETS
-
 /// PAVE_LANES rays; those from `count` on are copies of the last one.
 typedef struct {
     vec3 o, d;
@@ -80,15 +74,12 @@ static inline RayPacket load_rays(__global const RayRecord* rays, int count) {
     return r;
 }
 
-#endif
-#if RAYS_BY_LANES
-
 static inline void closest_of_rays(const Scene* s, __global const RayRecord* rays,
                                    __global HitRecord* hits, int count, __global const IdRun* runs,
                                    int run_count) {
     for (int first = 0; first < count; first += PAVE_LANES) {
         const RayPacket r = load_rays(rays + first, count - first);
-        const Hit hit = trace_closest(s, r.o, r.d, r.active, splat_int(-1));
+        const Hit hit = trace_closest(s, r.o, r.d, r.t_max, r.active, splat_int(-1));
         float t[PAVE_LANES], b1[PAVE_LANES], b2[PAVE_LANES];
         int id[PAVE_LANES], found[PAVE_LANES];
         lane_store(hit.t, t);
@@ -115,100 +106,6 @@ static inline void any_of_rays(const Scene* s, __global const RayRecord* rays,
             occluded[first + lane] = found[lane] != 0;
     }
 }
-
-#else
-
-static inline TreeRay tree_ray_of(__global const RayRecord* ray) {
-    TreeRay r;
-    for (int a = 0; a < 3; ++a) {
-        r.o[a] = ray->origin[a];
-        r.d[a] = ray->direction[a];
-    }
-    r.t = ray->t_max;
-    r.id = -1;
-    r.b1 = 0.0f;
-    r.b2 = 0.0f;
-    r.skip = -1;
-    return r;
-}
-
-static inline void closest_of_ray(const Scene* s, __global const RayRecord* ray,
-                                  __global HitRecord* hit, __global const IdRun* runs,
-                                  int run_count) {
-    TreeRay r = tree_ray_of(ray);
-    if (is_sound(ray)) tree_closest(s, &r);
-    if (r.id >= 0)
-        write_hit(hit, r.t, r.id, r.b1, r.b2, runs, run_count);
-    else
-        write_miss(hit);
-}
-
-#if PAVE_HAS_PACKETS
-/// Whether the first, second and last ray agree in the signs of their directions: rays that do not
-/// belong together are told here in most cases.
-static inline int may_go_together(__global const RayRecord* rays) {
-    uint differ = 0;
-    for (int a = 0; a < 3; ++a) {
-        const uint sign = as_uint(rays->direction[a]);
-        differ |= (sign ^ as_uint(rays[1].direction[a])) |
-                  (sign ^ as_uint(rays[PAVE_LANES - 1].direction[a]));
-    }
-    return (differ & 0x80000000u) == 0;
-}
-
-/// 0 if the rays do not go together; nothing is written then.
-static inline int closest_of_packet(const Scene* s, __global const RayRecord* rays,
-                                    __global HitRecord* hits, __global const IdRun* runs,
-                                    int run_count) {
-    const RayPacket given = load_rays(rays, PAVE_LANES);
-    if (lane_any(lane_not(given.active))) return 0;
-    PacketRays r;
-    r.o[0] = given.o.x, r.o[1] = given.o.y, r.o[2] = given.o.z;
-    r.d[0] = given.d.x, r.d[1] = given.d.y, r.d[2] = given.d.z;
-    r.hit = no_hit();
-    r.hit.t = given.t_max;
-    r.hit.id = splat_int(-1);
-    PacketFrame f;
-    if (!packet_frame(&r, s->p, &f)) return 0;
-    packet_closest(s, &r, &f);
-    float t[PAVE_LANES], b1[PAVE_LANES], b2[PAVE_LANES];
-    int id[PAVE_LANES];
-    lane_store(r.hit.t, t);
-    lane_store(r.hit.b1, b1);
-    lane_store(r.hit.b2, b2);
-    lane_store(r.hit.id, id);
-    for (int lane = 0; lane < PAVE_LANES; ++lane) {
-        if (id[lane] >= 0)
-            write_hit(hits + lane, t[lane], id[lane], b1[lane], b2[lane], runs, run_count);
-        else
-            write_miss(hits + lane);
-    }
-    return 1;
-}
-#endif
-
-static inline void closest_of_rays(const Scene* s, __global const RayRecord* rays,
-                                   __global HitRecord* hits, int count, __global const IdRun* runs,
-                                   int run_count) {
-    for (int first = 0; first < count; first += PAVE_LANES) {
-#if PAVE_HAS_PACKETS
-        if (count - first >= PAVE_LANES && may_go_together(rays + first) &&
-            closest_of_packet(s, rays + first, hits + first, runs, run_count))
-            continue;
-#endif
-        for (int i = first; i < min(first + PAVE_LANES, count); ++i)
-            closest_of_ray(s, rays + i, hits + i, runs, run_count);
-    }
-}
-static inline void any_of_rays(const Scene* s, __global const RayRecord* rays,
-                               __global uchar* occluded, int count) {
-    for (int i = 0; i < count; ++i) {
-        const TreeRay r = tree_ray_of(rays + i);
-        occluded[i] = is_sound(rays + i) && tree_any(s, &r);
-    }
-}
-
-#endif
 
 /// hits[i] is the closest hit of rays[i] before its t_max, for i in [first, first + count).
 __kernel void trace_closest_rays(__constant const PathParams* p, __global const float8* shapes,

@@ -194,7 +194,7 @@ __kernel void light_pdf_many(__constant const PathParams* p, __global const floa
     const Scene s = scene_of(p, shapes, tree, tables, light_cdf);
     const int i = FIRST;
     const vec3 o = splat3(at.x, at.y, at.z), d = load3(in, count, i);
-    const Hit hit = trace_closest(&s, o, d, mask_of(1), splat_int(-1));
+    const Hit hit = trace_closest(&s, o, d, splat(INFINITY), mask_of(1), splat_int(-1));
     const Vertex v = vertex_of(&s, &hit, o, d);
     const vmask lit = v.valid & bits_emits(v.bits) & (dot3(v.n_shade, d) < 0.0f);
     vfloat pdf = splat(0.0f);
@@ -220,7 +220,7 @@ __kernel void trace_many(__constant const PathParams* p, __global const float8* 
     const vec3 o = load3(in, count, i), d = load3(in + 3 * count, count, i);
     const vfloat t_max = lane_load(in + 6 * count + i);
     const vint skip = as_vint(lane_load(in + 7 * count + i));
-    const Hit hit = trace_closest(&s, o, d, mask_of(1), skip);
+    const Hit hit = trace_closest(&s, o, d, splat(INFINITY), mask_of(1), skip);
     const Vertex v = vertex_of(&s, &hit, o, d);
     const vmask any = trace_any(&s, o, d, t_max, mask_of(1), skip);
     lane_store(hit.t, out + i);

@@ -1,40 +1,10 @@
-// Closest hit and occlusion of PAVE_LANES rays: broadcast shapes first, then the tree ray by ray.
+// Closest hit and occlusion of PAVE_LANES rays: broadcast shapes first, then the tree, together if
+// they go the same way, else one by one.
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 #include "axis_shapes.h"
-#include "tree.h"
-
-#if PAVE_HAS_TREE
-/// Rays as arrays, for the lane-by-lane walk.
-typedef struct {
-    float o[3][PAVE_LANES], d[3][PAVE_LANES], t[PAVE_LANES];
-    int skip[PAVE_LANES];
-} LaneRays;
-
-static inline void store_rays(LaneRays* rays, vec3 o, vec3 d, vfloat t, vint skip) {
-    lane_store(o.x, rays->o[0]);
-    lane_store(o.y, rays->o[1]);
-    lane_store(o.z, rays->o[2]);
-    lane_store(d.x, rays->d[0]);
-    lane_store(d.y, rays->d[1]);
-    lane_store(d.z, rays->d[2]);
-    lane_store(t, rays->t);
-    lane_store(skip, rays->skip);
-}
-static inline TreeRay ray_of_lane(const LaneRays* rays, uint i) {
-    TreeRay r;
-    for (int a = 0; a < 3; ++a) {
-        r.o[a] = rays->o[a][i];
-        r.d[a] = rays->d[a][i];
-    }
-    r.t = rays->t[i];
-    r.id = -1;
-    r.b1 = 0.0f;
-    r.b2 = 0.0f;
-    r.skip = rays->skip[i];
-    return r;
-}
-#endif
+#include "packet.h"
+#include "walk.h"
 
 static inline void closest_flats(const Scene* s, int kind, vec3 o, vec3 d, Hit* hit) {
     __global const FlatShape* first = flat_shapes(s, kind);
@@ -49,10 +19,46 @@ static inline vmask any_flats(const Scene* s, int kind, vec3 o, vec3 d, vfloat t
     return blocked;
 }
 
-/// Closest hit of the active lanes; the others get nothing of use. `skip`: id that the ray starts
-/// on, for triangles.
-static inline Hit trace_closest(const Scene* s, vec3 o, vec3 d, vmask active, vint skip) {
+#if PAVE_HAS_TREE
+static inline void closest_in_tree(const Scene* s, vec3 o, vec3 d, vmask active, vint skip,
+                                   Hit* hit) {
+    const RayFrames frames = ray_frames(s->p, o, d);
+#if PAVE_HAS_PACKETS
+    PacketFrame packet;
+    if (!lane_any(lane_not(active)) && packet_frame(&frames, &packet)) {
+        packet_closest(s, &frames, &packet, skip, hit);
+        return;
+    }
+#endif
+    const uint bits = lane_bits(active & enter_root(s, &frames, hit->t));
+    if (!bits) return;
+    LaneRays rays;
+    store_rays(&rays, &frames, o, d, hit, skip);
+    walk_to_closest(s, &rays, bits);
+    hit->t = lane_load(rays.t);
+    hit->id = lane_load(rays.id);
+    hit->b1 = lane_load(rays.b1);
+    hit->b2 = lane_load(rays.b2);
+}
+static inline vmask any_in_tree(const Scene* s, vec3 o, vec3 d, vfloat t_max, vmask active,
+                                vint skip) {
+    const RayFrames frames = ray_frames(s->p, o, d);
+    const uint bits = lane_bits(active & enter_root(s, &frames, t_max));
+    if (!bits) return mask_of(0);
+    Hit limit = no_hit();
+    limit.t = t_max;
+    LaneRays rays;
+    store_rays(&rays, &frames, o, d, &limit, skip);
+    return mask_of_bits(walk_to_any(s, &rays, bits));
+}
+#endif
+
+/// Closest hit before t_max of the active lanes; the others get nothing of use. `skip`: id that the
+/// ray starts on, for triangles.
+static inline Hit trace_closest(const Scene* s, vec3 o, vec3 d, vfloat t_max, vmask active,
+                                vint skip) {
     Hit hit = no_hit();
+    hit.t = t_max;
     __constant const PathParams* p = s->p;
 #if PAVE_HAS_AXIS_RECTS || PAVE_HAS_AXIS_CUBES
     const AxisRays axis = axis_rays(o, d);
@@ -79,28 +85,7 @@ static inline Hit trace_closest(const Scene* s, vec3 o, vec3 d, vmask active, vi
     for (int i = 0; i < p->sphere_count; ++i) closest_sphere(sphere_shapes(s) + i, o, d, &hit);
 #endif
 #if PAVE_HAS_TREE
-    LaneRays rays;
-    store_rays(&rays, o, d, hit.t, skip);
-    float b1[PAVE_LANES], b2[PAVE_LANES];
-    int id[PAVE_LANES];
-    lane_store(hit.b1, b1);
-    lane_store(hit.b2, b2);
-    lane_store(hit.id, id);
-    for (uint bits = lane_bits(active); bits; bits &= bits - 1u) {
-        const uint i = lowest_bit(bits);
-        TreeRay r = ray_of_lane(&rays, i);
-        tree_closest(s, &r);
-        if (r.id >= 0) {
-            rays.t[i] = r.t;
-            id[i] = r.id;
-            b1[i] = r.b1;
-            b2[i] = r.b2;
-        }
-    }
-    hit.t = lane_load(rays.t);
-    hit.id = lane_load(id);
-    hit.b1 = lane_load(b1);
-    hit.b2 = lane_load(b2);
+    closest_in_tree(s, o, d, active, skip, &hit);
 #endif
     return hit;
 }
@@ -138,16 +123,7 @@ static inline vmask trace_any(const Scene* s, vec3 o, vec3 d, vfloat t_max, vmas
         blocked |= occludes_sphere(sphere_shapes(s) + i, o, d, t_max);
 #endif
 #if PAVE_HAS_TREE
-    LaneRays rays;
-    store_rays(&rays, o, d, t_max, skip);
-    int found[PAVE_LANES];
-    lane_store(blocked, found);
-    for (uint bits = lane_bits(active & lane_not(blocked)); bits; bits &= bits - 1u) {
-        const uint i = lowest_bit(bits);
-        const TreeRay r = ray_of_lane(&rays, i);
-        if (tree_any(s, &r)) found[i] = MASK_BITS;
-    }
-    blocked = lane_load(found);
+    blocked |= any_in_tree(s, o, d, t_max, active & lane_not(blocked), skip);
 #endif
     return blocked & active;
 }

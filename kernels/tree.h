@@ -1,4 +1,4 @@
-// One ray at a time through the 8-wide tree: closest hit in order of entry, any hit unordered.
+// Rays and the 8-wide tree: which children of a node a ray enters, what it meets in a leaf.
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 #include "intersect.h"
@@ -12,43 +12,143 @@
 // slab_offsets.
 #define BOX_SLACK 4.8e-7f
 
+/// What is common to the box and triangle tests of a ray. Boxes: reciprocal slopes, and offsets
+/// that make every box wider by more than the rounding of its own test and of the triangle test
+/// inside it, at no cost per box; without them rays along shared edges slip through (see
+/// test_watertight). Triangles: the shear that turns the ray into its longest axis. Woop, Benthin,
+/// Wald 2013, "Watertight ray/triangle intersection".
 typedef struct {
+    vfloat slope[3], near_offset[3], far_offset[3];
+    vint near_row[3];  // 1 if the ray enters boxes at their high side, else 0
+    vint longest;
+    vfloat origin[3], shear[3];  // along the two axes that follow the longest cyclically, and that
+} RayFrames;
+
+static inline RayFrames ray_frames(__constant const PathParams* p, vec3 o, vec3 d) {
+    RayFrames f;
+    const vfloat from[3] = {o.x, o.y, o.z}, to[3] = {d.x, d.y, d.z};
+#pragma unroll
+    for (int a = 0; a < 3; ++a) {
+        const vmask flat = vabs(to[a]) < LEAST_SLOPE;
+        const vfloat slope = 1.0f / (flat ? with_sign(splat(LEAST_SLOPE), to[a]) : to[a]);
+        const vfloat base = -from[a] * slope;
+        const vfloat slack = BOX_SLACK * (vabs(from[a]) + p->tree_bound[a]) * vabs(slope);
+        f.slope[a] = slope;
+        f.near_offset[a] = base - slack;
+        f.far_offset[a] = base + slack;
+        f.near_row[a] = slope < 0.0f ? splat_int(1) : splat_int(0);
+    }
+    const vfloat x = vabs(d.x), y = vabs(d.y), z = vabs(d.z);
+    const vmask along_x = (x > y) & (x > z), along_y = lane_not(x > y) & (y > z);
+    f.longest = along_x ? splat_int(0) : (along_y ? splat_int(1) : splat_int(2));
+    f.origin[0] = along_x ? o.y : (along_y ? o.z : o.x);
+    f.origin[1] = along_x ? o.z : (along_y ? o.x : o.y);
+    f.origin[2] = along_x ? o.x : (along_y ? o.y : o.z);
+    f.shear[2] = 1.0f / (along_x ? d.x : (along_y ? d.y : d.z));
+    f.shear[0] = (along_x ? d.y : (along_y ? d.z : d.x)) * f.shear[2];
+    f.shear[1] = (along_x ? d.z : (along_y ? d.x : d.y)) * f.shear[2];
+    return f;
+}
+
+/// One of them on its way through the tree.
+typedef struct {
+    float slope[3], near_offset[3], far_offset[3];
+    int near_row[3], longest;
+    float origin[3], shear[3];
+#if PAVE_TREE_SHAPES
     float o[3], d[3];
-    float t;  // closest so far
-    int id;
-    float b1, b2;
+#endif
     int skip;  // triangle that the ray starts on; a plane is never hit twice
+    float t;   // closest so far
+    int id;    // -1: nothing yet
+    float b1, b2;
 } TreeRay;
 
-/// Per ray: reciprocal slopes, and offsets that make every box wider by more than the rounding of
-/// its own test and of the triangle test inside it, at no cost per box. Without them rays along
-/// shared edges slip through (see test_watertight).
+/// Rays of all lanes as arrays, from which each is taken in turn.
 typedef struct {
-    float8 slope[3], near_offset[3], far_offset[3];
-    int near_row[3];
-} TreeSlabs;
+    float slope[3][PAVE_LANES], near_offset[3][PAVE_LANES], far_offset[3][PAVE_LANES];
+    int near_row[3][PAVE_LANES], longest[PAVE_LANES], skip[PAVE_LANES];
+    float origin[3][PAVE_LANES], shear[3][PAVE_LANES];
+#if PAVE_TREE_SHAPES
+    float o[3][PAVE_LANES], d[3][PAVE_LANES];
+#endif
+    float t[PAVE_LANES], b1[PAVE_LANES], b2[PAVE_LANES];
+    int id[PAVE_LANES];
+} LaneRays;
 
-static inline TreeSlabs tree_slabs(const TreeRay* r, __constant const PathParams* p) {
-    TreeSlabs k;
+static inline void store_rays(LaneRays* rays, const RayFrames* f, vec3 o, vec3 d, const Hit* before,
+                              vint skip) {
+#pragma unroll
     for (int a = 0; a < 3; ++a) {
-        const float d = fabs(r->d[a]) < LEAST_SLOPE ? copysign(LEAST_SLOPE, r->d[a]) : r->d[a];
-        const float slope = 1.0f / d;
-        const float base = -r->o[a] * slope;
-        const float slack = BOX_SLACK * (fabs(r->o[a]) + p->tree_bound[a]) * fabs(slope);
-        k.slope[a] = (float8)(slope);
-        k.near_offset[a] = (float8)(base - slack);
-        k.far_offset[a] = (float8)(base + slack);
-        k.near_row[a] = slope < 0.0f ? 1 : 0;
+        lane_store(f->slope[a], rays->slope[a]);
+        lane_store(f->near_offset[a], rays->near_offset[a]);
+        lane_store(f->far_offset[a], rays->far_offset[a]);
+        lane_store(f->near_row[a], rays->near_row[a]);
+        lane_store(f->origin[a], rays->origin[a]);
+        lane_store(f->shear[a], rays->shear[a]);
     }
-    return k;
+#if PAVE_TREE_SHAPES
+    lane_store(o.x, rays->o[0]);
+    lane_store(o.y, rays->o[1]);
+    lane_store(o.z, rays->o[2]);
+    lane_store(d.x, rays->d[0]);
+    lane_store(d.y, rays->d[1]);
+    lane_store(d.z, rays->d[2]);
+#endif
+    lane_store(f->longest, rays->longest);
+    lane_store(skip, rays->skip);
+    lane_store(before->t, rays->t);
+    lane_store(before->id, rays->id);
+    lane_store(before->b1, rays->b1);
+    lane_store(before->b2, rays->b2);
+}
+static inline TreeRay ray_of_lane(const LaneRays* rays, uint i) {
+    TreeRay r;
+#pragma unroll
+    for (int a = 0; a < 3; ++a) {
+        r.slope[a] = rays->slope[a][i];
+        r.near_offset[a] = rays->near_offset[a][i];
+        r.far_offset[a] = rays->far_offset[a][i];
+        r.near_row[a] = rays->near_row[a][i];
+        r.origin[a] = rays->origin[a][i];
+        r.shear[a] = rays->shear[a][i];
+#if PAVE_TREE_SHAPES
+        r.o[a] = rays->o[a][i];
+        r.d[a] = rays->d[a][i];
+#endif
+    }
+    r.longest = rays->longest[i];
+    r.skip = rays->skip[i];
+    r.t = rays->t[i];
+    r.id = -1;
+    r.b1 = 0.0f;
+    r.b2 = 0.0f;
+    return r;
 }
 
 static inline float8 min_8(float8 a, float8 b) { return a < b ? a : b; }
 static inline float8 max_8(float8 a, float8 b) { return a > b ? a : b; }
 
-/// Bytes 0xff of the children that the ray enters before `t`; `entry` gets where.
-static inline ulong enter_children(__global const float8* node, const TreeSlabs* k, float t,
-                                   float8* entry) {
+/// Broadcast once a ray, not once a box.
+typedef struct {
+    float8 slope[3], near_offset[3], far_offset[3];
+    int near_row[3];
+} TreeSlabs;
+static inline TreeSlabs tree_slabs(const TreeRay* r) {
+    TreeSlabs k;
+#pragma unroll
+    for (int a = 0; a < 3; ++a) {
+        k.slope[a] = (float8)(r->slope[a]);
+        k.near_offset[a] = (float8)(r->near_offset[a]);
+        k.far_offset[a] = (float8)(r->far_offset[a]);
+        k.near_row[a] = r->near_row[a];
+    }
+    return k;
+}
+
+/// Bits of the children that the ray enters before `t`; `entry` gets where.
+static inline uint enter_children(__global const float8* node, const TreeSlabs* k, float t,
+                                  float8* entry) {
     const float8 x0 = mad_f(node[k->near_row[0]], k->slope[0], k->near_offset[0]);
     const float8 x1 = mad_f(node[1 - k->near_row[0]], k->slope[0], k->far_offset[0]);
     const float8 y0 = mad_f(node[2 + k->near_row[1]], k->slope[1], k->near_offset[1]);
@@ -58,65 +158,45 @@ static inline ulong enter_children(__global const float8* node, const TreeSlabs*
     const float8 t_in = max_8(max_8(x0, y0), max_8(z0, (float8)(0.0f)));
     const float8 t_out = min_8(min_8(x1, y1), min_8(z1, (float8)(t)));
     *entry = t_in;
-    return as_ulong(convert_char8(t_in <= t_out));
-}
-#define first_byte(m) (popcount(~(m) & ((m)-1UL)) >> 3)
-#define without_byte(m, i) ((m) & ~(0xffUL << ((i)*8u)))
-
-/// Shear that turns the ray into the z axis. Woop, Benthin, Wald 2013, "Watertight ray/triangle
-/// intersection".
-typedef struct {
-    int kx, ky, kz;
-    float sx, sy, sz;
-} Shear;
-static inline Shear shear_of(const TreeRay* r) {
-    Shear s;
-    const float x = fabs(r->d[0]), y = fabs(r->d[1]), z = fabs(r->d[2]);
-    s.kz = x > y ? (x > z ? 0 : 2) : (y > z ? 1 : 2);
-    s.kx = s.kz == 2 ? 0 : s.kz + 1;
-    s.ky = s.kx == 2 ? 0 : s.kx + 1;
-    s.sz = 1.0f / r->d[s.kz];
-    s.sx = r->d[s.kx] * s.sz;
-    s.sy = r->d[s.ky] * s.sz;
-    return s;
+    return bits_of_8(t_in <= t_out);
 }
 
-/// Bytes 0xff of the leaf's triangles that the ray meets before r->t, not yet without r->skip. Edge
+/// Bits of the leaf's triangles that the ray meets before r->t, not yet without r->skip. Edge
 /// functions are products without a fused multiply-add: so two triangles get exactly opposite
 /// values on a shared edge, and no ray falls between them.
-static inline ulong meet_triangles(__global const float8* leaf, const TreeRay* r, const Shear* k,
-                                   float8* t, float8* b1, float8* b2) {
-    const float ox = r->o[k->kx], oy = r->o[k->ky], oz = r->o[k->kz];
-    const float8 az = leaf[k->kz] - oz, bz = leaf[3 + k->kz] - oz, cz = leaf[6 + k->kz] - oz;
-    const float8 sx = (float8)(-k->sx), sy = (float8)(-k->sy);
-    const float8 ax = mad_f(sx, az, leaf[k->kx] - ox), ay = mad_f(sy, az, leaf[k->ky] - oy);
-    const float8 bx = mad_f(sx, bz, leaf[3 + k->kx] - ox), by = mad_f(sy, bz, leaf[3 + k->ky] - oy);
-    const float8 cx = mad_f(sx, cz, leaf[6 + k->kx] - ox), cy = mad_f(sy, cz, leaf[6 + k->ky] - oy);
+static inline uint meet_triangles(__global const float8* leaf, const TreeRay* r, float8* t,
+                                  float8* b1, float8* b2) {
+    const int kz = r->longest, kx = kz == 2 ? 0 : kz + 1, ky = kx == 2 ? 0 : kx + 1;
+    const float ox = r->origin[0], oy = r->origin[1], oz = r->origin[2];
+    const float8 az = leaf[kz] - oz, bz = leaf[3 + kz] - oz, cz = leaf[6 + kz] - oz;
+    const float8 sx = (float8)(-r->shear[0]), sy = (float8)(-r->shear[1]);
+    const float8 ax = mad_f(sx, az, leaf[kx] - ox), ay = mad_f(sy, az, leaf[ky] - oy);
+    const float8 bx = mad_f(sx, bz, leaf[3 + kx] - ox), by = mad_f(sy, bz, leaf[3 + ky] - oy);
+    const float8 cx = mad_f(sx, cz, leaf[6 + kx] - ox), cy = mad_f(sy, cz, leaf[6 + ky] - oy);
     const float8 u = cx * by - cy * bx, v = ax * cy - ay * cx, w = bx * ay - by * ax;
     const float8 least = min_8(min_8(u, v), w), most = max_8(max_8(u, v), w);
     const float8 det = (u + v) + w;
     const float8 scale = 1.0f / det;
-    *t = mad_f(u, az, mad_f(v, bz, w * cz)) * k->sz * scale;
+    *t = mad_f(u, az, mad_f(v, bz, w * cz)) * r->shear[2] * scale;
     *b1 = v * scale;
     *b2 = w * scale;
     // An edge function of 0 belongs to both sides. NaN lanes (spare) fail on t.
     const int8 inside = (least >= 0.0f) | (most <= 0.0f);
-    return as_ulong(convert_char8(inside & (*t > 0.0f) & (*t < (float8)(r->t))));
+    return bits_of_8(inside & (*t > 0.0f) & (*t < (float8)(r->t)));
 }
 
-static inline void closest_in_triangles(__global const float8* leaf, TreeRay* r, const Shear* k,
+static inline void closest_in_triangles(__global const float8* leaf, TreeRay* r,
                                         int first_triangle_id) {
     float8 t, b1, b2;
-    ulong m = meet_triangles(leaf, r, k, &t, &b1, &b2);
+    uint m = meet_triangles(leaf, r, &t, &b1, &b2);
     if (m == 0) return;
     float ts[8], b1s[8], b2s[8];
     vstore8(t, 0, ts);
     vstore8(b1, 0, b1s);
     vstore8(b2, 0, b2s);
     __global const int* ids = (__global const int*)(leaf + 9);
-    do {
-        const uint i = first_byte(m);
-        m = without_byte(m, i);
+    for (; m; m &= m - 1u) {
+        const uint i = lowest_bit(m);
         const int id = first_triangle_id + ids[i];
         if (ts[i] < r->t && id != r->skip) {
             r->t = ts[i];
@@ -124,18 +204,15 @@ static inline void closest_in_triangles(__global const float8* leaf, TreeRay* r,
             r->b1 = b1s[i];
             r->b2 = b2s[i];
         }
-    } while (m);
+    }
 }
-static inline int any_in_triangles(__global const float8* leaf, const TreeRay* r, const Shear* k,
+static inline int any_in_triangles(__global const float8* leaf, const TreeRay* r,
                                    int first_triangle_id) {
     float8 t, b1, b2;
-    ulong m = meet_triangles(leaf, r, k, &t, &b1, &b2);
+    uint m = meet_triangles(leaf, r, &t, &b1, &b2);
     __global const int* ids = (__global const int*)(leaf + 9);
-    while (m) {
-        const uint i = first_byte(m);
-        m = without_byte(m, i);
-        if (first_triangle_id + ids[i] != r->skip) return 1;
-    }
+    for (; m; m &= m - 1u)
+        if (first_triangle_id + ids[lowest_bit(m)] != r->skip) return 1;
     return 0;
 }
 
@@ -176,7 +253,7 @@ static inline int any_in_shape(const Scene* s, int code, const TreeRay* r) {
 }
 #endif
 
-static inline void closest_in_leaf(const Scene* s, int code, TreeRay* r, const Shear* k) {
+static inline void closest_in_leaf(const Scene* s, int code, TreeRay* r) {
 #if PAVE_TREE_SHAPES
     if ((code & 3) != LEAF_TRIANGLES) {
         closest_in_shape(s, code, r);
@@ -184,129 +261,42 @@ static inline void closest_in_leaf(const Scene* s, int code, TreeRay* r, const S
     }
 #endif
 #if PAVE_HAS_TRIANGLES
-    closest_in_triangles(s->tree + s->p->leaf_row + (uint)(code >> 2) * LEAF_ROWS, r, k,
+    closest_in_triangles(s->tree + s->p->leaf_row + (uint)(code >> 2) * LEAF_ROWS, r,
                          s->p->surface_count);
 #endif
 }
-static inline int any_in_leaf(const Scene* s, int code, const TreeRay* r, const Shear* k) {
+static inline int any_in_leaf(const Scene* s, int code, const TreeRay* r) {
 #if PAVE_TREE_SHAPES
     if ((code & 3) != LEAF_TRIANGLES) return any_in_shape(s, code, r);
 #endif
 #if PAVE_HAS_TRIANGLES
-    return any_in_triangles(s->tree + s->p->leaf_row + (uint)(code >> 2) * LEAF_ROWS, r, k,
+    return any_in_triangles(s->tree + s->p->leaf_row + (uint)(code >> 2) * LEAF_ROWS, r,
                             s->p->surface_count);
 #else
     return 0;
 #endif
 }
 
-// A node or leaf is four or five cache lines, and a large tree is not in a cache: what goes onto
-// the stack is asked for at once. Only where the compiler is known to make a processor's own code.
-#if PAVE_LANES > 1 && defined(__clang__) && (defined(__x86_64__) || defined(__aarch64__))
-#define prefetch_line(p) __builtin_prefetch((const void*)(uintptr_t)(p))
-#endif
-static inline void fetch_ahead(const Scene* s, int code) {
-#ifdef prefetch_line
-    __global const char* p =
-        (__global const char*)(s->tree + (code >= 0
-                                              ? (uint)code * NODE_ROWS
-                                              : s->p->leaf_row + (uint)(~code >> 2) * LEAF_ROWS));
-    prefetch_line(p);
-    prefetch_line(p + 64);
-    prefetch_line(p + 128);
-    prefetch_line(p + 192);
-    if (code < 0) prefetch_line(p + 256);
-#endif
-}
-
-/// Fills r->t, id, b1, b2 with the closest hit before r->t.
-static inline void tree_closest(const Scene* s, TreeRay* r) {
-    const TreeSlabs k = tree_slabs(r, s->p);
-    const Shear shear = shear_of(r);
-    int codes[PAVE_STACK];
-    float entries[PAVE_STACK];
-    int depth = 0, current = 0;
-    for (;;) {
-        if (current >= 0) {
-            __global const float8* node = s->tree + (uint)current * NODE_ROWS;
-            float8 entry;
-            ulong m = enter_children(node, &k, r->t, &entry);
-            if (m) {
-                __global const int* child = (__global const int*)(node + 6);
-                float at[8];
-                vstore8(entry, 0, at);
-                const uint i = first_byte(m);
-                m = without_byte(m, i);
-                if (!m) {  // one child: about half of all visits
-                    current = child[i];
-                    continue;
-                }
-                const uint j = first_byte(m);
-                m = without_byte(m, j);
-                fetch_ahead(s, child[i]);
-                fetch_ahead(s, child[j]);
-                const uint nearer = at[j] < at[i] ? j : i, farther = i + j - nearer;
-                const int base = depth;
-                codes[depth] = child[farther];
-                entries[depth++] = at[farther];
-                if (!m) {  // two: no sorting
-                    current = child[nearer];
-                    continue;
-                }
-                codes[depth] = child[nearer];
-                entries[depth++] = at[nearer];
-                do {  // more: insertion keeps the stack's top nearest
-                    const uint c = first_byte(m);
-                    m = without_byte(m, c);
-                    const float t = at[c];
-                    fetch_ahead(s, child[c]);
-                    int place = depth++;
-                    while (place > base && entries[place - 1] < t) {
-                        entries[place] = entries[place - 1];
-                        codes[place] = codes[place - 1];
-                        --place;
-                    }
-                    entries[place] = t;
-                    codes[place] = child[c];
-                } while (m);
-                current = codes[--depth];
-                continue;
-            }
-        } else {
-            closest_in_leaf(s, ~current, r, &shear);
+/// Lanes whose ray enters a child of the root before `t`: most rays of a scene with some room
+/// around its tree do not, and are told here all at once.
+static inline vmask enter_root(const Scene* s, const RayFrames* f, vfloat t) {
+    __global const float* node = (__global const float*)s->tree;
+    const vmask back[3] = {f->near_row[0] != 0, f->near_row[1] != 0, f->near_row[2] != 0};
+    vmask enters = mask_of(0);
+    for (int c = 0; c < TREE_WIDTH; ++c) {
+        if (node[c] == INFINITY) break;  // empty children come last
+        vfloat t_in = splat(0.0f), t_out = t;
+#pragma unroll
+        for (int a = 0; a < 3; ++a) {
+            const vfloat low = splat(node[16 * a + c]), high = splat(node[16 * a + 8 + c]);
+            const vfloat near = mad_f(back[a] ? high : low, f->slope[a], f->near_offset[a]);
+            const vfloat far = mad_f(back[a] ? low : high, f->slope[a], f->far_offset[a]);
+            t_in = vmax(near, t_in);
+            t_out = vmin(far, t_out);
         }
-        do {  // what lies behind the closest hit is dropped unread
-            if (depth == 0) return;
-            --depth;
-        } while (entries[depth] >= r->t);
-        current = codes[depth];
+        enters |= t_in <= t_out;
     }
-}
-
-/// Whether anything is hit before r->t.
-static inline int tree_any(const Scene* s, const TreeRay* r) {
-    const TreeSlabs k = tree_slabs(r, s->p);
-    const Shear shear = shear_of(r);
-    int codes[PAVE_STACK];
-    int depth = 0, current = 0;
-    for (;;) {
-        if (current >= 0) {
-            __global const float8* node = s->tree + (uint)current * NODE_ROWS;
-            float8 entry;
-            ulong m = enter_children(node, &k, r->t, &entry);
-            __global const int* child = (__global const int*)(node + 6);
-            while (m) {
-                const uint c = first_byte(m);
-                m = without_byte(m, c);
-                fetch_ahead(s, child[c]);
-                codes[depth++] = child[c];
-            }
-        } else if (any_in_leaf(s, ~current, r, &shear)) {
-            return 1;
-        }
-        if (depth == 0) return 0;
-        current = codes[--depth];
-    }
+    return enters;
 }
 
 #endif  // PAVE_HAS_TREE

@@ -51,6 +51,7 @@ void bind_profile(nb::module_& module) {
         .def_ro("lane_width", &DeviceProfile::lane_width)
         .def_ro("max_work_group_size", &DeviceProfile::max_work_group_size)
         .def_ro("global_byte_size", &DeviceProfile::global_byte_size)
+        .def_ro("cache_byte_size", &DeviceProfile::cache_byte_size)
         .def_ro("max_alloc_byte_size", &DeviceProfile::max_alloc_byte_size);
 }
 

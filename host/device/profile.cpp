@@ -48,6 +48,7 @@ DeviceProfile query_profile(const cl::Device& device, std::string id) {
     profile.max_work_group_size = device.getInfo<CL_DEVICE_MAX_WORK_GROUP_SIZE>();
     profile.global_byte_size = device.getInfo<CL_DEVICE_GLOBAL_MEM_SIZE>();
     profile.max_alloc_byte_size = device.getInfo<CL_DEVICE_MAX_MEM_ALLOC_SIZE>();
+    profile.cache_byte_size = device.getInfo<CL_DEVICE_GLOBAL_MEM_CACHE_SIZE>();
     return profile;
 }
 

@@ -218,6 +218,16 @@ std::vector<Row> pack_tables(const SceneData& data) {
     return rows;
 }
 
+Defines scene_defines(const SceneData& data, const DeviceProfile& profile, size_t tree_byte_size,
+                      TreeTurns turns, int lanes) {
+    Defines defines = data.features;
+    defines.insert_or_assign("PAVE_LANES", lanes);
+    const bool large = lanes > 1 && tree_byte_size > profile.cache_byte_size;
+    defines.insert_or_assign("PAVE_TREE_TURNS",
+                             turns == TreeTurns::kAuto ? large : turns == TreeTurns::kAlways);
+    return defines;
+}
+
 cl::Buffer make_tree_buffer(const Device& device, Block<Row>& rows) {
     const size_t byte_size = rows.size() * sizeof(Row);
     if (byte_size == 0 || device.impl().slot_access() != SlotAccess::kShared) {

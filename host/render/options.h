@@ -34,6 +34,11 @@ kernel::PathParams make_params(const SceneData& data, const Scene& scene, const 
 std::vector<Row> pack_shapes(const SceneData& data, int lanes);
 std::vector<Row> pack_tables(const SceneData& data);
 
+/// What a program needs to be told beside the scene's features: the lanes, and how they pass the
+/// tree of `tree_byte_size`.
+Defines scene_defines(const SceneData& data, const DeviceProfile& profile, size_t tree_byte_size,
+                      TreeTurns turns, int lanes);
+
 /// A buffer of the tree. On devices that share the host's memory it lies over `rows`, which must
 /// live as long as it does; on others it is a copy, and `rows` is emptied.
 cl::Buffer make_tree_buffer(const Device& device, Block<Row>& rows);

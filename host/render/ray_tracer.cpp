@@ -75,6 +75,7 @@ class RayTracer::Impl {
         SceneData data = build_scene_data(scene, paths_of(options), false);
         dropped_triangles_ = data.dropped_triangles;
         tree_rows_ = std::move(data.tree);
+        const size_t tree_byte_size = tree_rows_.size() * sizeof(Row);
         tree_ = make_tree_buffer(device_, tree_rows_);
         shapes_ = make_buffer_of(device_, pack_shapes(data, lanes_), "shapes");
         const std::vector<kernel::IdRun> runs = id_runs(data);
@@ -83,9 +84,9 @@ class RayTracer::Impl {
         kernel::PathParams p{};
         set_scene_params(p, data, lanes_);
         params_ = make_buffer_of(device_, std::array{p}, "parameters");
-        Defines defines = data.features;
-        defines.insert_or_assign("PAVE_LANES", lanes_);
-        const cl::Program program = build_program(device_, "rays.cl", defines);
+        const cl::Program program = build_program(
+            device_, "rays.cl",
+            scene_defines(data, device_.profile(), tree_byte_size, options.tree_turns, lanes_));
         closest_ = make_kernel(program, "trace_closest_rays");
         any_ = make_kernel(program, "trace_any_rays");
     }

@@ -44,7 +44,11 @@ cl::NDRange local_size(int wanted, int lanes, int global) {
 class Renderer::Impl {
    public:
     Impl(const Device& device, const Scene& scene, const RendererPaths& paths)
-        : device_(device), scene_(scene), data_(build_scene_data(scene, paths)) {
+        : device_(device),
+          scene_(scene),
+          turns_(paths.tree_turns),
+          data_(build_scene_data(scene, paths)),
+          tree_byte_size_(data_.tree.size() * sizeof(Row)) {
         tree_ = make_tree_buffer(device_, data_.tree);
         tables_ = make_buffer_of(device_, pack_tables(data_), "tables");
         light_cdf_ = make_buffer_of(device_, data_.light_cdf, "lights");
@@ -83,9 +87,9 @@ class Renderer::Impl {
         const auto key = std::tuple(channels, lanes, sampler);
         auto it = kernels_.find(key);
         if (it == kernels_.end()) {
-            Defines defines = data_.features;
+            Defines defines =
+                scene_defines(data_, device_.profile(), tree_byte_size_, turns_, lanes);
             defines.insert_or_assign("PAVE_CHANNELS", channels);
-            defines.insert_or_assign("PAVE_LANES", lanes);
             defines.insert_or_assign("PAVE_SOBOL", sampler == Sampler::kSobol ? 1 : 0);
             defines.insert_or_assign("PAVE_SEGMENT", segment_of(1, lanes));
             const cl::Program program = build_program(device_, "path.cl", defines);
@@ -238,7 +242,9 @@ class Renderer::Impl {
 
     Device device_;
     Scene scene_;
+    TreeTurns turns_;
     SceneData data_;
+    size_t tree_byte_size_;
     std::map<int, cl::Buffer> shapes_;  // by lanes
     cl::Buffer tree_, tables_, light_cdf_, dropped_, params_, kept_;
     size_t kept_pixels_ = 0;

@@ -34,6 +34,7 @@ class DeviceProfile:
     lane_width: int  # lanes that kernels are built with: 16 or 8 on CPUs, 1 on GPUs
     max_work_group_size: int
     global_byte_size: int
+    cache_byte_size: int
     max_alloc_byte_size: int
 
     def to_dict(self) -> dict[str, Any]:

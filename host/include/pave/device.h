@@ -25,6 +25,7 @@ struct DeviceProfile {
         1;  // lanes of kernels/lanes.h: 16 or 8 on CPUs, 1 on GPUs; PAVE_LANES forces it
     size_t max_work_group_size = 0;
     size_t global_byte_size = 0, max_alloc_byte_size = 0;
+    size_t cache_byte_size = 0;  // of global memory; a CPU's last level
 };
 
 /// Where compiled kernels are kept between processes (docs/kernel-cache.md).

@@ -9,6 +9,7 @@
 #include <span>
 
 #include "pave/device.h"
+#include "pave/render.h"
 #include "pave/scene.h"
 
 namespace pave {
@@ -35,9 +36,10 @@ struct Hit {
 struct RayTracerOptions {
     int lane_width = 0;         // 1, 4, 8, 16: forces kernels of that width; 0 chooses
     int broadcast_shapes = 64;  // as RendererPaths::broadcast_shapes
-    bool specialise = true;     // as RendererPaths::specialise
-    int segment = 0;            // rays a work-item, a multiple of the lanes; 0 chooses. Changes no
-                                // result.
+    TreeTurns tree_turns = TreeTurns::kAuto;
+    bool specialise = true;  // as RendererPaths::specialise
+    int segment = 0;         // rays a work-item, a multiple of the lanes; 0 chooses. Changes no
+                             // result.
 };
 
 /// A scene on a device, for ray queries. Keeps no reference to the scene. One call at a time per

@@ -35,6 +35,10 @@ struct RenderOptions {
         progress{};  // called between launches with the fraction done; false cancels (RunError)
 };
 
+/// Whether rays that pass the tree one by one take turns, so that the memory of one is read while
+/// others are tested: on CPUs, kAuto does where the tree is larger than the device's cache.
+enum class TreeTurns { kAuto, kNever, kAlways };
+
 /// Which way a scene takes through the kernels. The defaults are the fast ones; tests force the
 /// others.
 struct RendererPaths {
@@ -42,7 +46,8 @@ struct RendererPaths {
                                  // more go into the tree
     bool cull_occluders = true;  // shapes on the scene's hull are left out of shadow tests
     bool recognise_shapes = true;  // meshes made of rectangles and boxes are traced as such
-    bool specialise = true;        // programs for this scene's features only, not for any scene
+    TreeTurns tree_turns = TreeTurns::kAuto;
+    bool specialise = true;  // programs for this scene's features only, not for any scene
 };
 
 /// Scene data on one device and the programs specialised for it. One render at a time per renderer;

@@ -182,10 +182,12 @@ std::vector<Ray> rays_at(const Mesh& mesh, size_t count, uint32_t seed) {
 }
 
 TEST(EmbreeAgrees, OnMeshesOfAllKinds) {
+    TreeTurns turns = TreeTurns::kAuto;
     for (const MeshCase& c : mesh_cases()) {
         Scene scene;
         add_mesh(scene, c.mesh, add_diffuse(scene, {0.5f, 0.5f, 0.5f}));
-        RayTracer tracer(device(), scene);
+        turns = turns == TreeTurns::kAlways ? TreeTurns::kNever : TreeTurns::kAlways;
+        RayTracer tracer(device(), scene, {.tree_turns = turns});
         const Embree embree(c.mesh);
         const std::vector<Ray> rays = rays_at(c.mesh, 20000, 61);
         std::vector<Hit> hits(rays.size());
@@ -218,7 +220,8 @@ TEST(Watertight, TenMillionRaysStayInAMeshFarAway) {
     const Mesh mesh = sphere_mesh(100, center, 200, false);
     Scene scene;
     add_mesh(scene, mesh, add_diffuse(scene, {0.5f, 0.5f, 0.5f}));
-    RayTracer tracer(device(), scene);
+    RayTracer tracer(device(), scene, {.tree_turns = TreeTurns::kNever});
+    RayTracer in_turns(device(), scene, {.tree_turns = TreeTurns::kAlways});
     std::mt19937 rng(62);
     std::normal_distribution<float> normal;
     std::uniform_real_distribution<float> unit(0, 1);
@@ -244,7 +247,7 @@ TEST(Watertight, TenMillionRaysStayInAMeshFarAway) {
                                            : normal(rng);
             }
         }
-        tracer.trace_closest(rays, hits);
+        (batch / 2 % 2 == 0 ? tracer : in_turns).trace_closest(rays, hits);
         for (const Hit& hit : hits) misses += hit.shape < 0;
     }
     EXPECT_EQ(misses, 0u) << "of " << kBatch * kBatches;

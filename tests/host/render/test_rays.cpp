@@ -91,9 +91,12 @@ TEST_P(RayPaths, AgreeOnEveryRay) {
     const std::vector<Hit> expected = closest(reference, rays);
     for (int broadcast : {0, 64})
         for (int segment : {0, 16, 4096}) {
-            RayTracer tracer(
-                device(), scene,
-                {.lane_width = GetParam(), .broadcast_shapes = broadcast, .segment = segment});
+            const TreeTurns turns = segment == 16 ? TreeTurns::kAlways : TreeTurns::kNever;
+            RayTracer tracer(device(), scene,
+                             {.lane_width = GetParam(),
+                              .broadcast_shapes = broadcast,
+                              .tree_turns = turns,
+                              .segment = segment});
             const std::vector<Hit> hits = closest(tracer, rays);
             const std::vector<uint8_t> occluded = any(tracer, rays);
             size_t ties = 0;   // the cubes stand on the floor: two faces at the same t
@@ -132,8 +135,9 @@ std::vector<Ray> camera_rays(int width, int height) {
     return rays;
 }
 
-TEST_P(RayPaths, RaysTogetherGetWhatTheyGetAlone) {
-    const std::vector<Ray> rays = camera_rays(333, 200);
+TEST_P(RayPaths, RaysTogetherOrInTurnsGetWhatTheyGetAlone) {
+    std::vector<Ray> rays = camera_rays(333, 200);
+    for (const Ray& ray : random_rays(20000, 3)) rays.push_back(ray);
     for (const Mesh& mesh :
          {random_triangles(2000, 0.2f, 9), sphere_mesh(50, {0, 0, 0}, 0.8f, false)}) {
         Scene scene;
@@ -141,11 +145,15 @@ TEST_P(RayPaths, RaysTogetherGetWhatTheyGetAlone) {
         RayTracer one(device(), scene, {.lane_width = 1});
         const std::vector<Hit> expected = closest(one, rays);
         for (int segment : {0, 16, 4096}) {
-            RayTracer tracer(device(), scene, {.lane_width = GetParam(), .segment = segment});
+            const TreeTurns turns = segment == 16 ? TreeTurns::kNever : TreeTurns::kAlways;
+            RayTracer tracer(device(), scene,
+                             {.lane_width = GetParam(), .tree_turns = turns, .segment = segment});
             const std::vector<Hit> hits = closest(tracer, rays);
+            const std::vector<uint8_t> occluded = any(tracer, rays);
             size_t found = 0;
             for (size_t i = 0; i < rays.size(); ++i) {
                 ASSERT_EQ(hits[i].t, expected[i].t) << "ray " << i;
+                ASSERT_EQ(occluded[i], expected[i].shape >= 0 ? 1 : 0) << "ray " << i;
                 ASSERT_EQ(hits[i].shape, expected[i].shape) << "ray " << i;
                 found += hits[i].shape >= 0;
                 if (hits[i].primitive != expected[i].primitive) continue;  // on a shared edge

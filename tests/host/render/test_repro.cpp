@@ -165,6 +165,18 @@ TEST(Paths, EveryForcedPathGivesTheSameImage) {
     }
 }
 
+TEST(Paths, RaysThatTakeTurnsGiveTheSameBits) {
+    const RenderOptions options{.spp = 64};
+    for (const Scene& scene : {cornell(), menagerie()}) {
+        RendererPaths paths{.broadcast_shapes = 0, .tree_turns = TreeTurns::kNever};
+        const Frame alone = render(scene, 32, 32, kAll, options, paths);
+        paths.tree_turns = TreeTurns::kAlways;
+        const Frame turns = render(scene, 32, 32, kAll, options, paths);
+        for (const char* channel : {"color", "normal", "depth", "direct", "object"})
+            EXPECT_TRUE(same_bits(alone, turns, channel)) << scene.name;
+    }
+}
+
 TEST(Paths, ManyShapesGoIntoTheTree) {
     Scene scene = cornell();
     scene.shapes.resize(6);
@@ -216,6 +228,11 @@ const ChildCase kChildCases[] = {
     {"passes", 2, 1, {.spp = 257, .max_depth = 3, .lane_width = 16}},
     {"roulette", 4, 2, {.spp = 4, .max_depth = 8, .rr_depth = 1, .lane_width = 8}},
     {"general", 5, 2, {.spp = 2, .max_depth = 4, .lane_width = 8}, {.specialise = false}},
+    {"turns",
+     5,
+     2,
+     {.spp = 2, .max_depth = 4, .lane_width = 8},
+     {.broadcast_shapes = 0, .tree_turns = TreeTurns::kAlways}},
     {"tree", 5, 2, {.spp = 2, .max_depth = 4, .lane_width = 4}, {.broadcast_shapes = 0}},
 };
 
