@@ -4,7 +4,8 @@
 #pragma once
 #include "tree.h"
 
-#define PAVE_HAS_PACKETS (PAVE_LANES > 1 && PAVE_HAS_TRIANGLES && !PAVE_TREE_SHAPES)
+#define PAVE_HAS_PACKETS \
+    (PAVE_LANES > 1 && PAVE_HAS_TRIANGLES && !PAVE_TREE_SHAPES && !PAVE_HAS_INSTANCES)
 
 #if PAVE_HAS_PACKETS
 
@@ -137,9 +138,9 @@ static inline void packet_closest(const Scene* s, PacketRays* r, const PacketFra
             depth = push_children((__global const float*)(s->tree + (uint)code * NODE_ROWS), r, f,
                                   codes, entries, depth);
         else
-            closest_of_packet_in_leaf(
-                (__global const float*)(s->tree + s->p->leaf_row + (uint)(~code >> 2) * LEAF_ROWS),
-                r, f, s->p->surface_count);
+            closest_of_packet_in_leaf((__global const float*)(s->tree + s->p->leaf_row +
+                                                              (uint)leaf_index(code) * LEAF_ROWS),
+                                      r, f, s->p->surface_count);
     }
 }
 

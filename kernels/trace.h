@@ -9,9 +9,12 @@
 typedef struct {
     float o[3][PAVE_LANES], d[3][PAVE_LANES], t[PAVE_LANES];
     int skip[PAVE_LANES];
+#if PAVE_HAS_INSTANCES
+    int skip_instance[PAVE_LANES];
+#endif
 } LaneRays;
 
-static inline void store_rays(LaneRays* rays, vec3 o, vec3 d, vfloat t, vint skip) {
+static inline void store_rays(LaneRays* rays, vec3 o, vec3 d, vfloat t, Skip skip) {
     lane_store(o.x, rays->o[0]);
     lane_store(o.y, rays->o[1]);
     lane_store(o.z, rays->o[2]);
@@ -19,7 +22,10 @@ static inline void store_rays(LaneRays* rays, vec3 o, vec3 d, vfloat t, vint ski
     lane_store(d.y, rays->d[1]);
     lane_store(d.z, rays->d[2]);
     lane_store(t, rays->t);
-    lane_store(skip, rays->skip);
+    lane_store(skip.id, rays->skip);
+#if PAVE_HAS_INSTANCES
+    lane_store(skip.instance, rays->skip_instance);
+#endif
 }
 static inline TreeRay ray_of_lane(const LaneRays* rays, uint i) {
     TreeRay r;
@@ -32,6 +38,10 @@ static inline TreeRay ray_of_lane(const LaneRays* rays, uint i) {
     r.b1 = 0.0f;
     r.b2 = 0.0f;
     r.skip = rays->skip[i];
+#if PAVE_HAS_INSTANCES
+    r.instance = -1;
+    r.skip_instance = rays->skip_instance[i];
+#endif
     return r;
 }
 #endif
@@ -49,9 +59,9 @@ static inline vmask any_flats(const Scene* s, int kind, vec3 o, vec3 d, vfloat t
     return blocked;
 }
 
-/// Closest hit of the active lanes; the others get nothing of use. `skip`: id that the ray starts
-/// on, for triangles.
-static inline Hit trace_closest(const Scene* s, vec3 o, vec3 d, vmask active, vint skip) {
+/// Closest hit of the active lanes; the others get nothing of use. `skip`: what the ray starts on,
+/// for triangles.
+static inline Hit trace_closest(const Scene* s, vec3 o, vec3 d, vmask active, Skip skip) {
     Hit hit = no_hit();
     __constant const PathParams* p = s->p;
 #if PAVE_HAS_AXIS_RECTS || PAVE_HAS_AXIS_CUBES
@@ -86,6 +96,10 @@ static inline Hit trace_closest(const Scene* s, vec3 o, vec3 d, vmask active, vi
     lane_store(hit.b1, b1);
     lane_store(hit.b2, b2);
     lane_store(hit.id, id);
+#if PAVE_HAS_INSTANCES
+    int instance[PAVE_LANES];
+    lane_store(hit.instance, instance);
+#endif
     for (uint bits = lane_bits(active); bits; bits &= bits - 1u) {
         const uint i = lowest_bit(bits);
         TreeRay r = ray_of_lane(&rays, i);
@@ -93,12 +107,18 @@ static inline Hit trace_closest(const Scene* s, vec3 o, vec3 d, vmask active, vi
         if (r.id >= 0) {
             rays.t[i] = r.t;
             id[i] = r.id;
+#if PAVE_HAS_INSTANCES
+            instance[i] = r.instance;
+#endif
             b1[i] = r.b1;
             b2[i] = r.b2;
         }
     }
     hit.t = lane_load(rays.t);
     hit.id = lane_load(id);
+#if PAVE_HAS_INSTANCES
+    hit.instance = lane_load(instance);
+#endif
     hit.b1 = lane_load(b1);
     hit.b2 = lane_load(b2);
 #endif
@@ -108,7 +128,7 @@ static inline Hit trace_closest(const Scene* s, vec3 o, vec3 d, vmask active, vi
 /// Lanes of `active` whose ray meets something between 0 and t_max. For rays from a surface to a
 /// light: shapes that can not stand between them (those from flat_shadow[kind] on) are left out.
 static inline vmask trace_any(const Scene* s, vec3 o, vec3 d, vfloat t_max, vmask active,
-                              vint skip) {
+                              Skip skip) {
     vmask blocked = mask_of(0);
     __constant const PathParams* p = s->p;
 #if PAVE_HAS_AXIS_RECTS || PAVE_HAS_AXIS_CUBES
@@ -144,7 +164,7 @@ static inline vmask trace_any(const Scene* s, vec3 o, vec3 d, vfloat t_max, vmas
     lane_store(blocked, found);
     for (uint bits = lane_bits(active & lane_not(blocked)); bits; bits &= bits - 1u) {
         const uint i = lowest_bit(bits);
-        const TreeRay r = ray_of_lane(&rays, i);
+        TreeRay r = ray_of_lane(&rays, i);
         if (tree_any(s, &r)) found[i] = MASK_BITS;
     }
     blocked = lane_load(found);

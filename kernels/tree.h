@@ -1,6 +1,7 @@
 // One ray at a time through the 8-wide tree: closest hit in order of entry, any hit unordered.
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
+#include "instance.h"
 #include "intersect.h"
 #include "scene.h"
 
@@ -18,6 +19,9 @@ typedef struct {
     int id;
     float b1, b2;
     int skip;  // triangle that the ray starts on; a plane is never hit twice
+#if PAVE_HAS_INSTANCES
+    int instance, skip_instance;  // of the hit, and of `skip`
+#endif
 } TreeRay;
 
 /// Per ray: reciprocal slopes, and offsets that make every box wider by more than the rounding of
@@ -28,19 +32,24 @@ typedef struct {
     int near_row[3];
 } TreeSlabs;
 
-static inline TreeSlabs tree_slabs(const TreeRay* r, __constant const PathParams* p) {
+static inline TreeSlabs tree_slabs(const TreeRay* r, const float* bound) {
     TreeSlabs k;
     for (int a = 0; a < 3; ++a) {
         const float d = fabs(r->d[a]) < LEAST_SLOPE ? copysign(LEAST_SLOPE, r->d[a]) : r->d[a];
         const float slope = 1.0f / d;
         const float base = -r->o[a] * slope;
-        const float slack = BOX_SLACK * (fabs(r->o[a]) + p->tree_bound[a]) * fabs(slope);
+        const float slack = BOX_SLACK * (fabs(r->o[a]) + bound[a]) * fabs(slope);
         k.slope[a] = (float8)(slope);
         k.near_offset[a] = (float8)(base - slack);
         k.far_offset[a] = (float8)(base + slack);
         k.near_row[a] = slope < 0.0f ? 1 : 0;
     }
     return k;
+}
+
+static inline TreeSlabs scene_slabs(const Scene* s, const TreeRay* r) {
+    const float bound[3] = {s->p->tree_bound[0], s->p->tree_bound[1], s->p->tree_bound[2]};
+    return tree_slabs(r, bound);
 }
 
 static inline float8 min_8(float8 a, float8 b) { return a < b ? a : b; }
@@ -144,7 +153,7 @@ static inline int any_in_triangles(__global const float8* leaf, const TreeRay* r
 /// scalar one.
 static inline void closest_in_shape(const Scene* s, int code, TreeRay* r) {
     const vec3 o = splat3(r->o[0], r->o[1], r->o[2]), d = splat3(r->d[0], r->d[1], r->d[2]);
-    const int kind = code & 3, index = code >> 2;
+    const int kind = leaf_kind(code), index = leaf_index(code);
     Hit hit = no_hit();
     hit.t = splat(r->t);
     hit.id = splat_int(r->id);
@@ -165,7 +174,7 @@ static inline void closest_in_shape(const Scene* s, int code, TreeRay* r) {
 }
 static inline int any_in_shape(const Scene* s, int code, const TreeRay* r) {
     const vec3 o = splat3(r->o[0], r->o[1], r->o[2]), d = splat3(r->d[0], r->d[1], r->d[2]);
-    const int kind = code & 3, index = code >> 2;
+    const int kind = leaf_kind(code), index = leaf_index(code);
     const vfloat t = splat(r->t);
     if (kind == LEAF_FLAT) {
         __global const FlatShape* f = flat_shapes(s, FLAT_RECT) + index;
@@ -178,22 +187,22 @@ static inline int any_in_shape(const Scene* s, int code, const TreeRay* r) {
 
 static inline void closest_in_leaf(const Scene* s, int code, TreeRay* r, const Shear* k) {
 #if PAVE_TREE_SHAPES
-    if ((code & 3) != LEAF_TRIANGLES) {
+    if (leaf_kind(code) != LEAF_TRIANGLES) {
         closest_in_shape(s, code, r);
         return;
     }
 #endif
 #if PAVE_HAS_TRIANGLES
-    closest_in_triangles(s->tree + s->p->leaf_row + (uint)(code >> 2) * LEAF_ROWS, r, k,
+    closest_in_triangles(s->tree + s->p->leaf_row + (uint)leaf_index(code) * LEAF_ROWS, r, k,
                          s->p->surface_count);
 #endif
 }
 static inline int any_in_leaf(const Scene* s, int code, const TreeRay* r, const Shear* k) {
 #if PAVE_TREE_SHAPES
-    if ((code & 3) != LEAF_TRIANGLES) return any_in_shape(s, code, r);
+    if (leaf_kind(code) != LEAF_TRIANGLES) return any_in_shape(s, code, r);
 #endif
 #if PAVE_HAS_TRIANGLES
-    return any_in_triangles(s->tree + s->p->leaf_row + (uint)(code >> 2) * LEAF_ROWS, r, k,
+    return any_in_triangles(s->tree + s->p->leaf_row + (uint)leaf_index(code) * LEAF_ROWS, r, k,
                             s->p->surface_count);
 #else
     return 0;
@@ -208,9 +217,9 @@ static inline int any_in_leaf(const Scene* s, int code, const TreeRay* r, const 
 static inline void fetch_ahead(const Scene* s, int code) {
 #ifdef prefetch_line
     __global const char* p =
-        (__global const char*)(s->tree + (code >= 0
-                                              ? (uint)code * NODE_ROWS
-                                              : s->p->leaf_row + (uint)(~code >> 2) * LEAF_ROWS));
+        (__global const char*)(s->tree +
+                               (code >= 0 ? (uint)code * NODE_ROWS
+                                          : s->p->leaf_row + (uint)leaf_index(code) * LEAF_ROWS));
     prefetch_line(p);
     prefetch_line(p + 64);
     prefetch_line(p + 128);
@@ -219,10 +228,45 @@ static inline void fetch_ahead(const Scene* s, int code) {
 #endif
 }
 
-/// Fills r->t, id, b1, b2 with the closest hit before r->t.
+#if PAVE_HAS_INSTANCES
+/// The ray goes on in the instance of the leaf `code`, from the root that is returned.
+static inline int enter_instance(const Scene* s, int code, TreeRay* r, int depth, Visit* visit,
+                                 TreeSlabs* k, Shear* shear) {
+    __global const float8* rows = instance_at(s, leaf_index(code));
+    visit->instance = leaf_index(code);
+    visit->depth = depth;
+    visit->skip = r->skip;
+    for (int a = 0; a < 3; ++a) {
+        visit->o[a] = r->o[a];
+        visit->d[a] = r->d[a];
+    }
+    map_to_group(rows, visit->o, visit->d, r->o, r->d);
+    if (r->skip_instance != visit->instance) r->skip = -1;
+    const float bound[3] = {rows[1].s6, rows[1].s7, rows[2].s3};
+    *k = tree_slabs(r, bound);
+    *shear = shear_of(r);
+    return as_int(rows[1].s4);
+}
+static inline void leave_instance(const Scene* s, TreeRay* r, Visit* visit, TreeSlabs* k,
+                                  Shear* shear) {
+    for (int a = 0; a < 3; ++a) {
+        r->o[a] = visit->o[a];
+        r->d[a] = visit->d[a];
+    }
+    r->skip = visit->skip;
+    *visit = no_visit();
+    *k = scene_slabs(s, r);
+    *shear = shear_of(r);
+}
+#endif
+
+/// Fills r->t, id, b1, b2 (and instance) with the closest hit before r->t.
 static inline void tree_closest(const Scene* s, TreeRay* r) {
-    const TreeSlabs k = tree_slabs(r, s->p);
-    const Shear shear = shear_of(r);
+    TreeSlabs k = scene_slabs(s, r);
+    Shear shear = shear_of(r);
+#if PAVE_HAS_INSTANCES
+    Visit visit = no_visit();
+#endif
     int codes[PAVE_STACK];
     float entries[PAVE_STACK];
     int depth = 0, current = 0;
@@ -272,10 +316,24 @@ static inline void tree_closest(const Scene* s, TreeRay* r) {
                 current = codes[--depth];
                 continue;
             }
+#if PAVE_HAS_INSTANCES
+        } else if (leaf_kind(current) == LEAF_INSTANCE) {
+            current = enter_instance(s, current, r, depth, &visit, &k, &shear);
+            continue;
+#endif
         } else {
-            closest_in_leaf(s, ~current, r, &shear);
+#if PAVE_HAS_INSTANCES
+            const float before = r->t;
+            closest_in_leaf(s, current, r, &shear);
+            if (r->t < before) r->instance = visit.instance;
+#else
+            closest_in_leaf(s, current, r, &shear);
+#endif
         }
         do {  // what lies behind the closest hit is dropped unread
+#if PAVE_HAS_INSTANCES
+            if (depth == visit.depth) leave_instance(s, r, &visit, &k, &shear);
+#endif
             if (depth == 0) return;
             --depth;
         } while (entries[depth] >= r->t);
@@ -284,9 +342,12 @@ static inline void tree_closest(const Scene* s, TreeRay* r) {
 }
 
 /// Whether anything is hit before r->t.
-static inline int tree_any(const Scene* s, const TreeRay* r) {
-    const TreeSlabs k = tree_slabs(r, s->p);
-    const Shear shear = shear_of(r);
+static inline int tree_any(const Scene* s, TreeRay* r) {
+    TreeSlabs k = scene_slabs(s, r);
+    Shear shear = shear_of(r);
+#if PAVE_HAS_INSTANCES
+    Visit visit = no_visit();
+#endif
     int codes[PAVE_STACK];
     int depth = 0, current = 0;
     for (;;) {
@@ -301,9 +362,17 @@ static inline int tree_any(const Scene* s, const TreeRay* r) {
                 fetch_ahead(s, child[c]);
                 codes[depth++] = child[c];
             }
-        } else if (any_in_leaf(s, ~current, r, &shear)) {
+#if PAVE_HAS_INSTANCES
+        } else if (leaf_kind(current) == LEAF_INSTANCE) {
+            current = enter_instance(s, current, r, depth, &visit, &k, &shear);
+            continue;
+#endif
+        } else if (any_in_leaf(s, current, r, &shear)) {
             return 1;
         }
+#if PAVE_HAS_INSTANCES
+        if (depth == visit.depth) leave_instance(s, r, &visit, &k, &shear);
+#endif
         if (depth == 0) return 0;
         current = codes[--depth];
     }

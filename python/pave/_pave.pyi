@@ -324,7 +324,7 @@ class RayTracer:
         rays: Annotated[
             NDArray[numpy.float32], dict(shape=(None, 8), order="C", device="cpu", writable=False)
         ],
-        hits: Annotated[NDArray[numpy.float32], dict(shape=(None, 5), order="C", device="cpu")],
+        hits: Annotated[NDArray[numpy.float32], dict(shape=(None, 6), order="C", device="cpu")],
     ) -> None: ...
     def trace_any(
         self,

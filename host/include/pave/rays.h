@@ -27,6 +27,7 @@ struct Ray {
 struct Hit {
     float t = std::numeric_limits<float>::infinity();  // infinite: nothing
     int32_t shape = -1;                                // into Scene::shapes; -1: nothing
+    int32_t part = -1;       // of an instance: into its group's shapes; else -1
     int32_t primitive = -1;  // triangle of a mesh as the scene has them, face of a cube (low x,
                              // high x, low y, high y, low z, high z), else 0
     float b1 = 0, b2 = 0;    // weights of a triangle's second and third vertex

@@ -42,7 +42,9 @@ struct RendererPaths {
                                  // more go into the tree
     bool cull_occluders = true;  // shapes on the scene's hull are left out of shadow tests
     bool recognise_shapes = true;  // meshes made of rectangles and boxes are traced as such
-    bool specialise = true;        // programs for this scene's features only, not for any scene
+    int copied_triangles = 64;  // groups of up to this many triangles are copied to the places of
+                                // their instances, as those placed once always are
+    bool specialise = true;     // programs for this scene's features only, not for any scene
 };
 
 /// Scene data on one device and the programs specialised for it. One render at a time per renderer;

@@ -252,11 +252,11 @@ TEST(Child, RunsEveryTestKernel) {
     test.eval_bsdf(0, {wo[0], wo[1], wo[2], wo[0], wo[1], wo[2]});
     const Planes wi = test.sample_light({0, 0, 0.5f}, 5, 16);
     test.light_pdf({0, 0, 0.5f}, {wi[0], wi[1], wi[2]});
-    Planes rays = make_planes(8, 16);
+    Planes rays = make_planes(9, 16);
     for (size_t i = 0; i < 16; ++i) {
         for (size_t k = 0; k < 3; ++k) rays[3 + k][i] = wi[k][i];
         rays[6][i] = std::numeric_limits<float>::infinity();
-        rays[7][i] = std::bit_cast<float>(-1);
+        rays[7][i] = rays[8][i] = std::bit_cast<float>(-1);
     }
     test.trace(rays);
 }
