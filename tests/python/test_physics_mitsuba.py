@@ -30,6 +30,7 @@ CASES = {
     # The noise of both sides is half a percent of the red mean: small bright lights, rarely met.
     "textures": (4096, Limits(mean=0.005)),
     "envmap": (4096, Limits(mean=0.005)),
+    "instances": (4096, Limits(passing=0.998, mean=0.004)),
     "many-lights": (16384, Limits(passing=0.99, mean=0.015, block=6.0)),
 }
 
