@@ -97,6 +97,7 @@ static inline void place_vertex(const Scene* s, vint instance, vec3* p, vec3* n_
 /// The object that channel `object` shows, where `instance` >= 0.
 static inline vint object_of_instance(const Scene* s, vint instance, vint otherwise) {
     const vmask placed = instance >= 0;
+    if (!lane_any(placed)) return otherwise;
     const vint row = (placed ? instance : splat_int(0)) * INSTANCE_ROWS + 1;
     const Row r = gather_row(s->tree + s->p->instance_row, row);
     return placed ? as_vint(r.s5) : otherwise;

@@ -10,9 +10,6 @@
 namespace pave {
 namespace {
 
-// Copies of one group may have this many triangles in all: beyond, memory would grow more than
-// what the second transform of a ray costs.
-constexpr size_t kMostCopied = size_t{1} << 20;
 constexpr double kFarthest = 1e12;         // coordinate, and scale either way
 constexpr double kBoxSlack = 0x1p-20;      // of a box's coordinates: what the transforms round
 constexpr size_t kInstanceChunk = 1 << 8;  // instances that a thread takes
@@ -71,7 +68,7 @@ void check_group(const Scene& scene, const ShapeGroup& group) {
 }
 
 /// `part` of a group where an instance has it.
-Shape copy_of(const Shape& part, const Axes& map, int object, int number) {
+Shape copy_of(const Shape& part, const Axes& map, int object, int number, bool turn) {
     Shape copy = part;
     copy.object = object;
     copy.part = number;
@@ -93,7 +90,7 @@ Shape copy_of(const Shape& part, const Axes& map, int object, int number) {
     for (auto& n : copy.mesh.normals)
         n = to_floats((inverse[0] * n[0] + inverse[1] * n[1] + inverse[2] * n[2]) / most);
     // The winding's normal is to go by the inverse transpose too.
-    if (dot(cross(map.x, map.y), map.z) < 0)
+    if (turn && dot(cross(map.x, map.y), map.z) < 0)
         for (auto& triangle : copy.mesh.triangles) std::swap(triangle[1], triangle[2]);
     return copy;
 }
@@ -145,41 +142,63 @@ Aabb placed_bounds(const Axes& map, const Aabb& whole, const std::vector<Aabb>& 
 
 }  // namespace
 
-void place_instances(const Scene& scene, SceneData& data, const RendererPaths& paths) {
+namespace {
+
+constexpr size_t kCopied = ~size_t{0};
+
+/// How often groups are placed; throws for an instance that is not sound.
+std::vector<size_t> count_placements(const Scene& scene) {
     std::vector<size_t> placements(scene.groups.size(), 0);
-    for (const ShapeGroup& group : scene.groups) check_group(scene, group);
     for (const Shape& shape : scene.shapes) {
         if (shape.type != Shape::Type::kInstance) continue;
         check_instance(scene, shape);
         ++placements[static_cast<size_t>(shape.group)];
     }
-    constexpr size_t kCopied = ~size_t{0};
-    std::vector<size_t> shared(scene.groups.size(), kCopied);  // into data.groups
+    return placements;
+}
+
+/// By group its place in data.groups, which get those that are not copied; else kCopied.
+std::vector<size_t> share_groups(const Scene& scene, SceneData& data, int copied_triangles) {
+    const std::vector<size_t> placements = count_placements(scene);
+    std::vector<size_t> shared(scene.groups.size(), kCopied), order, triangles;
     for (size_t i = 0; i < scene.groups.size(); ++i) {
-        size_t triangles = 0;
-        for (const Shape& part : scene.groups[i].shapes) triangles += part.mesh.triangles.size();
-        const bool is_small =
-            triangles <= static_cast<size_t>(std::max(paths.copied_triangles, 0)) &&
-            triangles * placements[i] <= kMostCopied;
-        if (triangles == 0 || placements[i] == 0) continue;
-        if (paths.copied_triangles >= 0 && (is_small || placements[i] == 1)) continue;
+        check_group(scene, scene.groups[i]);
+        size_t& sum = triangles.emplace_back(0);
+        for (const Shape& part : scene.groups[i].shapes) sum += part.mesh.triangles.size();
+        const bool is_shared = placements[i] > (copied_triangles < 0 ? 0u : 1u);
+        if (sum > 0 && is_shared) order.push_back(i);
+    }
+    std::stable_sort(order.begin(), order.end(),
+                     [&](size_t a, size_t b) { return triangles[a] < triangles[b]; });
+    size_t copied = 0;
+    for (const size_t i : order) {
+        copied += triangles[i] * placements[i];
+        if (copied <= static_cast<size_t>(std::max(copied_triangles, 0))) continue;
         shared[i] = data.groups.size();
         data.groups.emplace_back().group = &scene.groups[i];
     }
+    return shared;
+}
+
+}  // namespace
+
+void place_instances(const Scene& scene, SceneData& data, const RendererPaths& paths, bool turn) {
+    const std::vector<size_t> shared = share_groups(scene, data, paths.copied_triangles);
     for (const Shape& shape : scene.shapes) {
-        if (shape.type != Shape::Type::kInstance) continue;
-        const auto group = static_cast<size_t>(shape.group);
-        const std::vector<Shape>& parts = scene.groups[group].shapes;
+        if (shape.type != Shape::Type::kInstance) {
+            data.shapes.push_back(&shape);
+            continue;
+        }
+        const size_t group = shared[static_cast<size_t>(shape.group)];
+        const std::vector<Shape>& parts = scene.groups[static_cast<size_t>(shape.group)].shapes;
         const Axes map(shape.world_from_object);
         const uint32_t object = object_of(scene, shape);
         for (size_t i = 0; i < parts.size(); ++i)
-            if (parts[i].type != Shape::Type::kMesh || shared[group] == kCopied)
+            if (parts[i].type != Shape::Type::kMesh || group == kCopied)
                 data.copies.push_back(
-                    copy_of(parts[i], map, static_cast<int>(object), static_cast<int>(i)));
-        if (shared[group] != kCopied) data.instances.push_back({shared[group], object, map, {}});
+                    copy_of(parts[i], map, static_cast<int>(object), static_cast<int>(i), turn));
+        if (group != kCopied) data.instances.push_back({group, object, map, {}});
     }
-    for (const Shape& shape : scene.shapes)
-        if (shape.type != Shape::Type::kInstance) data.shapes.push_back(&shape);
     for (const Shape& shape : data.copies) data.shapes.push_back(&shape);
 }
 

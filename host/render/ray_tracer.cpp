@@ -31,7 +31,7 @@ RendererPaths paths_of(const RayTracerOptions& options) {
     return {.broadcast_shapes = options.broadcast_shapes,
             .cull_occluders = false,
             .recognise_shapes = false,  // hits name the mesh's own triangles
-            .copied_triangles = -1,     // and the group's
+            .copied_triangles = options.copied_triangles,
             .specialise = options.specialise};
 }
 

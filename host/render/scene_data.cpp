@@ -109,7 +109,7 @@ SceneData build_scene_data(const Scene& scene, const RendererPaths& paths, bool 
     std::vector<LightSource> lights;
     add_textures(scene, data);
     add_materials(scene, data);
-    place_instances(scene, data, paths);
+    place_instances(scene, data, paths, tables);
     data.parts.resize(data.shapes.size());
     if (paths.recognise_shapes) recognise_shapes(scene, data, most_shapes);
     add_shapes(scene, data, lights);

@@ -108,8 +108,9 @@ struct LightSource {
     double power = 0;
     int normals = -1;
 };
-/// Fills `shapes`, `copies`, `groups` and `instances`.
-void place_instances(const Scene& scene, SceneData& data, const RendererPaths& paths);
+/// Fills `shapes`, `copies`, `groups` and `instances`. With `turn` the winding of mirrored copies
+/// is turned, so that their front is the group's; without, triangles keep their vertices' order.
+void place_instances(const Scene& scene, SceneData& data, const RendererPaths& paths, bool turn);
 /// Trees of the groups, and with them the bounds of the instances; after the triangles.
 void build_groups(SceneData& data, Workers& workers);
 /// INSTANCE_ROWS rows; `root` is that of the group's tree.

@@ -34,11 +34,12 @@ struct Hit {
 };
 
 struct RayTracerOptions {
-    int lane_width = 0;         // 1, 4, 8, 16: forces kernels of that width; 0 chooses
-    int broadcast_shapes = 64;  // as RendererPaths::broadcast_shapes
-    bool specialise = true;     // as RendererPaths::specialise
-    int segment = 0;            // rays a work-item, a multiple of the lanes; 0 chooses. Changes no
-                                // result.
+    int lane_width = 0;              // 1, 4, 8, 16: forces kernels of that width; 0 chooses
+    int broadcast_shapes = 64;       // as RendererPaths::broadcast_shapes
+    int copied_triangles = 1 << 18;  // as RendererPaths::copied_triangles
+    bool specialise = true;          // as RendererPaths::specialise
+    int segment = 0;  // rays a work-item, a multiple of the lanes; 0 chooses. Changes no
+                      // result.
 };
 
 /// A scene on a device, for ray queries. Keeps no reference to the scene. One call at a time per

@@ -42,9 +42,11 @@ struct RendererPaths {
                                  // more go into the tree
     bool cull_occluders = true;  // shapes on the scene's hull are left out of shadow tests
     bool recognise_shapes = true;  // meshes made of rectangles and boxes are traced as such
-    int copied_triangles = 64;  // groups of up to this many triangles are copied to the places of
-                                // their instances, as those placed once always are
-    bool specialise = true;     // programs for this scene's features only, not for any scene
+    // Groups are copied to the places of their instances, the smallest first, as long as the copies
+    // have no more triangles than this in all, and always where they are placed once: such a scene
+    // is traced 1.3 to 2.5 times as fast. -1: none is.
+    int copied_triangles = 1 << 18;
+    bool specialise = true;  // programs for this scene's features only, not for any scene
 };
 
 /// Scene data on one device and the programs specialised for it. One render at a time per renderer;

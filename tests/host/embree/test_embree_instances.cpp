@@ -125,7 +125,7 @@ TEST(EmbreeAgrees, OnInstances) {
             }
         std::vector<Hit> hits(rays.size());
         std::vector<uint8_t> occluded(rays.size());
-        RayTracer tracer(device(), scene);
+        RayTracer tracer(device(), scene, {.copied_triangles = -1});
         tracer.trace_closest(rays, hits);
         tracer.trace_any(rays, occluded);
         size_t found = 0, other_t = 0, other_triangle = 0;

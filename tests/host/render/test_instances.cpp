@@ -192,7 +192,7 @@ TEST_P(InstanceLanes, ImageIsThatOfCopies) {
 }
 
 TEST(Instances, BitsDoNotDependOnTheSchedule) {
-    Renderer renderer(device(), grove());
+    Renderer renderer(device(), grove(), kNoCopies);
     const RenderOptions options{.spp = 64, .seed = 9};
     const Frame reference = render(renderer, 33, 7, kAll, options);
     for (int tile_rows : {1, 3, 7})
@@ -353,9 +353,11 @@ TEST(Instances, OnlyTheTriangleOfItsInstanceIsSkipped) {
 
 TEST(Instances, HitsNameInstancePartAndTriangle) {
     for (int lanes : {1, 16})
-        for (int broadcast : {0, 64}) {
+        for (int copied : {-1, 100}) {
             RayTracer tracer(device(), row_of_triangles(),
-                             {.lane_width = lanes, .broadcast_shapes = broadcast});
+                             {.lane_width = lanes,
+                              .broadcast_shapes = copied < 0 ? 0 : 64,
+                              .copied_triangles = copied});
             std::vector<Ray> rays(5);
             std::vector<Hit> hits(5);
             std::vector<uint8_t> any(5);
@@ -392,10 +394,15 @@ TEST(Instances, HitsNameInstancePartAndTriangle) {
 
 TEST(Instances, SmallGroupsAndThosePlacedOnceAreCopied) {
     Scene scene = grove();
-    EXPECT_EQ(build_scene_data(scene, {}).instances.size(), 6u);
-    EXPECT_EQ(build_scene_data(scene, {.copied_triangles = 150}).instances.size(), 4u)
-        << "120 triangles of the second group";
-    EXPECT_EQ(build_scene_data(scene, {.copied_triangles = 1000}).instances.size(), 0u);
+    const auto instances = [&](int copied_triangles) {
+        return build_scene_data(scene, {.copied_triangles = copied_triangles}).instances.size();
+    };
+    EXPECT_EQ(build_scene_data(scene, {}).instances.size(), 0u);
+    EXPECT_EQ(instances(-1), 6u);
+    EXPECT_EQ(instances(239), 6u);
+    EXPECT_EQ(instances(240), 4u) << "120 triangles of the second group, twice";
+    EXPECT_EQ(instances(240 + 4 * 284 - 1), 4u);
+    EXPECT_EQ(instances(240 + 4 * 284), 0u);
     scene.shapes.resize(7);
     const SceneData once = build_scene_data(scene, {});
     EXPECT_EQ(once.instances.size(), 0u);
@@ -408,7 +415,7 @@ TEST(Instances, SmallGroupsAndThosePlacedOnceAreCopied) {
                                                   add_diffuse(many, {0.5f, 0.5f, 0.5f}))});
     for (int i = 0; i < 1000; ++i)
         add_instance(many, group, translate(3.0f * static_cast<float>(i), 0, 0));
-    const SceneData data = build_scene_data(many, {});
+    const SceneData data = build_scene_data(many, {.copied_triangles = 1000000});
     EXPECT_EQ(data.corners.size(), 1520u);
     EXPECT_EQ(data.triangles.size(), 1520u * TRIANGLE_ROWS);
     EXPECT_EQ(data.instances.size(), 1000u);
@@ -418,7 +425,7 @@ TEST(Instances, SmallGroupsAndThosePlacedOnceAreCopied) {
 TEST(Instances, WhatCannotBePlacedIsNamed) {
     const auto expect = [](const Scene& scene, const std::string& part) {
         try {
-            (void)build_scene_data(scene, {});
+            (void)build_scene_data(scene, kNoCopies);
             ADD_FAILURE() << "no error with " << part;
         } catch (const InputError& error) {
             EXPECT_NE(std::string(error.what()).find(part), std::string::npos) << error.what();

@@ -219,14 +219,16 @@ const ChildCase kChildCases[] = {
     {"tree", 5, 2, {.spp = 2, .max_depth = 4, .lane_width = 4}, {.broadcast_shapes = 0}},
 };
 
-/// Prints sums over the bits, and the pixels, of three small images; for the tests below, which say
+/// Prints sums over the bits, and the pixels, of four small images; for the tests below, which say
 /// in PAVE_CHILD which case. Without it, a case of no special meaning.
 TEST(Child, PrintsBits) {
     const char* child = std::getenv("PAVE_CHILD");
     const ChildCase& c = kChildCases[child != nullptr ? std::stoi(child) : 1];
     std::printf("units %d\n", device().profile().compute_units);
-    for (const Scene& scene : {cornell(), menagerie(), outdoors()}) {
-        const Frame frame = render(scene, c.width, c.height, kAll, c.options, c.paths);
+    RendererPaths paths = c.paths;
+    paths.copied_triangles = -1;
+    for (const Scene& scene : {cornell(), menagerie(), outdoors(), grove()}) {
+        const Frame frame = render(scene, c.width, c.height, kAll, c.options, paths);
         uint64_t sum = 0;
         for (const std::string& channel : kAll) {
             std::printf("pixels %s %s", scene.name.c_str(), channel.c_str());
@@ -242,7 +244,7 @@ TEST(Child, PrintsBits) {
 
 /// Every kernel of selftest.cl once, on a few items.
 TEST(Child, RunsEveryTestKernel) {
-    SelfTest test(menagerie(), 4);
+    SelfTest test(grove(), 4, {.copied_triangles = -1, .specialise = false});
     test.struct_sizes();
     test.philox(std::vector<std::array<uint32_t, 4>>(16), 1, 2);
     const Planes u = test.philox_units(3, 16);
