@@ -81,8 +81,11 @@ void EmbreeScene::trace_closest(std::span<const Ray> rays, std::span<Hit> hits) 
             Hit& hit = hits[i];
             hit = {};
             if (r.hit.geomID == RTC_INVALID_GEOMETRY_ID) continue;
-            hit = {r.ray.tfar, static_cast<int32_t>(r.hit.geomID),
-                   static_cast<int32_t>(r.hit.primID), r.hit.u, r.hit.v};
+            hit.t = r.ray.tfar;
+            hit.shape = static_cast<int32_t>(r.hit.geomID);
+            hit.primitive = static_cast<int32_t>(r.hit.primID);
+            hit.b1 = r.hit.u;
+            hit.b2 = r.hit.v;
         }
     });
 }

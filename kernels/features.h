@@ -28,6 +28,9 @@
 #ifndef PAVE_HAS_TRIANGLES /* triangles, which are always in the tree */
 #define PAVE_HAS_TRIANGLES 1
 #endif
+#ifndef PAVE_HAS_INSTANCES /* groups of triangles that transforms place; only beside triangles */
+#define PAVE_HAS_INSTANCES 1
+#endif
 #ifndef PAVE_HAS_SMOOTH /* triangles with vertex normals */
 #define PAVE_HAS_SMOOTH 1
 #endif

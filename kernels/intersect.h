@@ -6,8 +6,11 @@
 
 /// Closest hit so far. `t` counts in lengths of the ray's direction.
 typedef struct {
-    vfloat t;       // INFINITY: none
-    vint id;        // surface, or surface_count + triangle
+    vfloat t;  // INFINITY: none
+    vint id;   // surface, or surface_count + triangle
+#if PAVE_HAS_INSTANCES
+    vint instance;  // that the triangle is seen in, -1: none
+#endif
     vfloat b1, b2;  // weights of a triangle's second and third vertex
 } Hit;
 
@@ -15,6 +18,9 @@ static inline Hit no_hit(void) {
     Hit hit;
     hit.t = splat(INFINITY);
     hit.id = splat_int(0);
+#if PAVE_HAS_INSTANCES
+    hit.instance = splat_int(-1);
+#endif
     hit.b1 = splat(0.0f);
     hit.b2 = splat(0.0f);
     return hit;

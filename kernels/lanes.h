@@ -36,6 +36,7 @@ typedef int vmask;  // 0 or 1, as scalar comparisons give
 #define mask_of(b) ((b) ? 1 : 0)
 #define MASK_BITS 1  // a set lane of a stored mask
 #define LANE_INDEX 0
+#define first_lane(v) (v)
 
 #else
 
@@ -53,6 +54,7 @@ typedef vint vmask;  // 0 or -1, as vector comparisons give
 #define lane_load(p) PAVE_PASTE(vload, PAVE_LANES)(0, p)
 #define mask_of(b) ((vmask)((b) ? -1 : 0))
 #define MASK_BITS (-1)
+#define first_lane(v) ((v).s0)
 
 #endif
 

@@ -4,7 +4,8 @@
 #pragma once
 #include "tree.h"
 
-#define PAVE_HAS_PACKETS (PAVE_LANES > 1 && PAVE_HAS_TRIANGLES && !PAVE_TREE_SHAPES)
+#define PAVE_HAS_PACKETS \
+    (PAVE_LANES > 1 && PAVE_HAS_TRIANGLES && !PAVE_TREE_SHAPES && !PAVE_HAS_INSTANCES)
 
 #if PAVE_HAS_PACKETS
 
@@ -28,7 +29,7 @@ static inline int packet_frame(const RayFrames* r, PacketFrame* f) {
 
 /// As closest_in_triangles, triangle by triangle.
 static inline void closest_of_packet_in_leaf(__global const float* leaf, const RayFrames* r,
-                                             const PacketFrame* f, vint skip, int first_triangle_id,
+                                             const PacketFrame* f, Skip skip, int first_triangle_id,
                                              Hit* hit) {
     const int kz = f->longest, kx = kz == 2 ? 0 : kz + 1, ky = kx == 2 ? 0 : kx + 1;
     const vfloat ox = r->origin[0], oy = r->origin[1], oz = r->origin[2];
@@ -47,7 +48,7 @@ static inline void closest_of_packet_in_leaf(__global const float* leaf, const R
         const vfloat scale = 1.0f / ((u + v) + w);
         const vfloat t = mad_f(u, az, mad_f(v, bz, w * cz)) * r->shear[2] * scale;
         const vint id = splat_int(first_triangle_id + ((__global const int*)(leaf + 72))[i]);
-        const vmask m = inside & (t > 0.0f) & (t < hit->t) & (id != skip);
+        const vmask m = inside & (t > 0.0f) & (t < hit->t) & (id != skip.id);
         take_hit(hit, m, t, id);
         hit->b1 = m ? v * scale : hit->b1;
         hit->b2 = m ? w * scale : hit->b2;
@@ -96,7 +97,7 @@ static inline int push_children(__global const float* node, const RayFrames* r,
 
 /// As tree_closest for the rays of all lanes.
 static inline void packet_closest(const Scene* s, const RayFrames* r, const PacketFrame* f,
-                                  vint skip, Hit* hit) {
+                                  Skip skip, Hit* hit) {
     int codes[PAVE_STACK];
     vfloat entries[PAVE_STACK];
     int depth = 1;
@@ -110,9 +111,9 @@ static inline void packet_closest(const Scene* s, const RayFrames* r, const Pack
             depth = push_children((__global const float*)(s->tree + (uint)code * NODE_ROWS), r, f,
                                   hit->t, codes, entries, depth);
         else
-            closest_of_packet_in_leaf(
-                (__global const float*)(s->tree + s->p->leaf_row + (uint)(~code >> 2) * LEAF_ROWS),
-                r, f, skip, s->p->surface_count, hit);
+            closest_of_packet_in_leaf((__global const float*)(s->tree + s->p->leaf_row +
+                                                              (uint)leaf_index(code) * LEAF_ROWS),
+                                      r, f, skip, s->p->surface_count, hit);
     }
 }
 

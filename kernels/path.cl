@@ -16,7 +16,7 @@ typedef struct {
     vec3 throughput;
     vfloat bsdf_pdf;  // density of d; INFINITY: light samples could not have found it
     vint depth;       // edges before this ray
-    vint skip;        // id that the ray starts on
+    Skip skip;        // what the ray starts on
 #if PAVE_HAS_REFRACTION
     vfloat eta;  // product of index ratios, so that roulette does not mistake refraction for loss
 #endif
@@ -32,7 +32,8 @@ static inline Paths no_paths(void) {
     p.alive = mask_of(0);
     p.o = p.d = p.throughput = splat3(0.0f, 0.0f, 0.0f);
     p.bsdf_pdf = splat(1.0f);
-    p.depth = p.skip = splat_int(0);
+    p.depth = splat_int(0);
+    p.skip = no_skip();
 #if PAVE_HAS_REFRACTION
     p.eta = splat(1.0f);
 #endif
@@ -52,7 +53,7 @@ static inline void start_paths(const Scene* s, const Schedule* w, Paths* paths, 
     paths->throughput = select3(fresh, splat3(1.0f, 1.0f, 1.0f), paths->throughput);
     paths->bsdf_pdf = fresh ? splat(INFINITY) : paths->bsdf_pdf;
     paths->depth = fresh ? splat_int(0) : paths->depth;
-    paths->skip = fresh ? splat_int(-1) : paths->skip;
+    paths->skip = select_skip(fresh, no_skip(), paths->skip);
 #if PAVE_HAS_REFRACTION
     paths->eta = fresh ? splat(1.0f) : paths->eta;
 #endif
@@ -158,7 +159,7 @@ static inline void add_light_sample(const Scene* s, Paths* paths, LaneFilm* film
     const vec3 start = leave_surface(v->p, v->n_geom, v->offset, ls.wi);
     const vec3 to = select3(ls.unbounded, ls.wi, sub3(ls.end, start));
     const vfloat t_max = ls.unbounded ? splat(INFINITY) : splat(1.0f);
-    const vmask blocked = trace_any(s, start, to, t_max, useful, v->id);
+    const vmask blocked = trace_any(s, start, to, t_max, useful, skip_of(v));
     add_radiance(paths, film, useful & lane_not(blocked), paths->depth == 0, value);
 }
 #endif
@@ -198,7 +199,7 @@ static inline void extend_paths(const Scene* s, const PhiloxKeys* keys, const Sc
     paths->bsdf_pdf = b.pdf;
     paths->d = d;
     paths->o = o;
-    paths->skip = v.id;
+    paths->skip = skip_of(&v);
     paths->depth += 1;
     const vfloat brightest = max_component(paths->throughput);
     vfloat survival = brightest;

@@ -19,14 +19,14 @@ PAVE_SIZEOF(RayRecord, 32);
 /// As pave::Hit.
 PAVE_STRUCT(HitRecord) {
     float t;
-    int shape, primitive;
+    int shape, part, primitive;
     float b1, b2;
 };
-PAVE_SIZEOF(HitRecord, 20);
+PAVE_SIZEOF(HitRecord, 24);
 
-/// Ids from `first_id` up to the next run's are primitives of `shape`, counted from
-/// `first_primitive`. Runs are in order of their ids.
-PAVE_STRUCT(IdRun) { int first_id, shape, first_primitive, spare; };
+/// Ids from `first_id` up to the next run's are primitives of `shape`, or of `part` of an instance,
+/// counted from `first_primitive`. Runs are in order of their ids.
+PAVE_STRUCT(IdRun) { int first_id, shape, part, first_primitive; };
 PAVE_SIZEOF(IdRun, 16);
 
 #ifndef __OPENCL_VERSION__

@@ -27,12 +27,13 @@ static inline int is_sound(__global const RayRecord* ray) {
 static inline void write_miss(__global HitRecord* hit) {
     hit->t = INFINITY;
     hit->shape = -1;
+    hit->part = -1;
     hit->primitive = -1;
     hit->b1 = 0.0f;
     hit->b2 = 0.0f;
 }
-static inline void write_hit(__global HitRecord* hit, float t, int id, float b1, float b2,
-                             __global const IdRun* runs, int run_count) {
+static inline void write_hit(const Scene* s, __global HitRecord* hit, float t, int id, int instance,
+                             float b1, float b2, __global const IdRun* runs, int run_count) {
     int low = 0, high = run_count;  // the last run that begins at or before id is in [low, high)
     while (high - low > 1) {
         const int middle = (low + high) / 2;
@@ -43,6 +44,10 @@ static inline void write_hit(__global HitRecord* hit, float t, int id, float b1,
     }
     hit->t = t;
     hit->shape = runs[low].shape;
+#if PAVE_HAS_INSTANCES
+    if (instance >= 0) hit->shape = as_int(instance_at(s, instance)[1].s5);
+#endif
+    hit->part = runs[low].part;
     hit->primitive = runs[low].first_primitive + id - runs[low].first_id;
     hit->b1 = b1;
     hit->b2 = b2;
@@ -79,18 +84,24 @@ static inline void closest_of_rays(const Scene* s, __global const RayRecord* ray
                                    int run_count) {
     for (int first = 0; first < count; first += PAVE_LANES) {
         const RayPacket r = load_rays(rays + first, count - first);
-        const Hit hit = trace_closest(s, r.o, r.d, r.t_max, r.active, splat_int(-1));
+        const Hit hit = trace_closest(s, r.o, r.d, r.t_max, r.active, no_skip());
         float t[PAVE_LANES], b1[PAVE_LANES], b2[PAVE_LANES];
-        int id[PAVE_LANES], found[PAVE_LANES];
+        int id[PAVE_LANES], instance[PAVE_LANES], found[PAVE_LANES];
         lane_store(hit.t, t);
         lane_store(hit.b1, b1);
         lane_store(hit.b2, b2);
         lane_store(hit.id, id);
+#if PAVE_HAS_INSTANCES
+        lane_store(hit.instance, instance);
+#else
+        lane_store(splat_int(-1), instance);
+#endif
         lane_store(r.active & (hit.t < r.t_max), found);
         for (int lane = 0; lane < min(PAVE_LANES, count - first); ++lane) {
             __global HitRecord* to = hits + first + lane;
             if (found[lane])
-                write_hit(to, t[lane], id[lane], b1[lane], b2[lane], runs, run_count);
+                write_hit(s, to, t[lane], id[lane], instance[lane], b1[lane], b2[lane], runs,
+                          run_count);
             else
                 write_miss(to);
         }
@@ -101,7 +112,7 @@ static inline void any_of_rays(const Scene* s, __global const RayRecord* rays,
     for (int first = 0; first < count; first += PAVE_LANES) {
         const RayPacket r = load_rays(rays + first, count - first);
         int found[PAVE_LANES];
-        lane_store(trace_any(s, r.o, r.d, r.t_max, r.active, splat_int(-1)), found);
+        lane_store(trace_any(s, r.o, r.d, r.t_max, r.active, no_skip()), found);
         for (int lane = 0; lane < min(PAVE_LANES, count - first); ++lane)
             occluded[first + lane] = found[lane] != 0;
     }

@@ -107,7 +107,7 @@ PAVE_SIZEOF(SphereShape, 32);
 // clang-format off
 // surface, 2 rows:
 //   { normal xyz (sphere: center), BITS, albedo rgb, plane offset (sphere: radius) }
-//   { tangent xyz (disk: center), light (int), object (int), -, -, - }
+//   { tangent xyz (disk: center), light (int), object (int), part (int), -, - }
 // triangle, 2 rows:
 //   { v0 xyz, BITS, v1 xyz, light (int) }
 //   { v2 xyz, object (int), normals (int, -1: flat), uvs (int, row of them, -1: none), -, - }
@@ -200,17 +200,28 @@ PAVE_SIZEOF(SphereShape, 32);
 //
 // node, 8 rows: low x, high x, low y, high y, low z, high z, children (int), -.
 //   Row i of lane c belongs to child c; an empty child has low = +inf, high = -inf.
-//   A child code >= 0 is a node; else ~code = index << 2 | LEAF_*.
+//   A child code >= 0 is a node; else ~code = index << 3 | LEAF_*.
 // leaf of triangles, 10 rows: v0 x, y, z, v1 x, y, z, v2 x, y, z, triangle (int).
 //   Spare lanes are NaN.
+// instance, 4 rows; L maps directions from the world to the group, M back, T is the group's origin:
+//   { L row 0, T x, L row 1, T y }
+//   { L row 2, T z, root of the group's tree (int), object (int), largest |x|, |y| of the group }
+//   { M row 0, largest |z|, M row 1, - }
+//   { M row 2, -, -, -, -, - }
+// Node 0 is the root of the scene's tree, whose leaves can be instances; the trees of groups, whose
+// leaves are triangles in the group's space, lie behind it.
 #define NODE_ROWS 8
 #define LEAF_ROWS 10
+#define INSTANCE_ROWS 4
 #define TREE_WIDTH 8
 #define LEAF_TRIANGLES 0
 #define LEAF_FLAT 1
 #define LEAF_CUBE 2
 #define LEAF_SPHERE 3
-#define leaf_code(index, kind) (~((int)(index) << 2 | (kind)))
+#define LEAF_INSTANCE 4
+#define leaf_code(index, kind) (~((int)(index) << 3 | (kind)))
+#define leaf_kind(code) (~(code)&7)
+#define leaf_index(code) (~(code) >> 3)
 
 // ---- What one render is told ----
 
@@ -252,7 +263,7 @@ PAVE_STRUCT(PathParams) {
     PAVE_U32 flat_row, axis_rect_row, axis_cube_row, cube_row, sphere_row;  // shapes
     PAVE_U32 surface_row, triangle_row, normals_row, bsdf_row, light_row;   // tables
     PAVE_U32 uv_row, texture_row, environment_row, sobol_row;
-    PAVE_U32 leaf_row;  // tree; nodes begin at row 0
+    PAVE_U32 leaf_row, instance_row;  // tree; nodes begin at row 0
 };
 PAVE_SIZEOF(PathParams, 352);
 

@@ -194,7 +194,7 @@ __kernel void light_pdf_many(__constant const PathParams* p, __global const floa
     const Scene s = scene_of(p, shapes, tree, tables, light_cdf);
     const int i = FIRST;
     const vec3 o = splat3(at.x, at.y, at.z), d = load3(in, count, i);
-    const Hit hit = trace_closest(&s, o, d, splat(INFINITY), mask_of(1), splat_int(-1));
+    const Hit hit = trace_closest(&s, o, d, splat(INFINITY), mask_of(1), no_skip());
     const Vertex v = vertex_of(&s, &hit, o, d);
     const vmask lit = v.valid & bits_emits(v.bits) & (dot3(v.n_shade, d) < 0.0f);
     vfloat pdf = splat(0.0f);
@@ -210,8 +210,9 @@ __kernel void light_pdf_many(__constant const PathParams* p, __global const floa
     lane_store(pdf, out + i);
 }
 
-/// in: origin (3), direction (3), t_max, skip (as int bits). out: t, id (int bits), b1, b2,
-/// position (3), n_geom (3), n_shade (3), offset, any hit before t_max (0 or 1).
+/// in: origin (3), direction (3), t_max, skip and its instance (as int bits). out: t, id (int
+/// bits), b1, b2, position (3), n_geom (3), n_shade (3), offset, any hit before t_max (0 or 1),
+/// instance.
 __kernel void trace_many(__constant const PathParams* p, __global const float8* shapes,
                          __global const float8* tree, __global const float8* tables,
                          __global const float* in, __global float* out, int count) {
@@ -219,7 +220,11 @@ __kernel void trace_many(__constant const PathParams* p, __global const float8* 
     const int i = FIRST;
     const vec3 o = load3(in, count, i), d = load3(in + 3 * count, count, i);
     const vfloat t_max = lane_load(in + 6 * count + i);
-    const vint skip = as_vint(lane_load(in + 7 * count + i));
+    Skip skip;
+    skip.id = as_vint(lane_load(in + 7 * count + i));
+#if PAVE_HAS_INSTANCES
+    skip.instance = as_vint(lane_load(in + 8 * count + i));
+#endif
     const Hit hit = trace_closest(&s, o, d, splat(INFINITY), mask_of(1), skip);
     const Vertex v = vertex_of(&s, &hit, o, d);
     const vmask any = trace_any(&s, o, d, t_max, mask_of(1), skip);
@@ -232,4 +237,7 @@ __kernel void trace_many(__constant const PathParams* p, __global const float8* 
     store3(out + 10 * count, count, i, v.n_shade);
     lane_store(v.offset, out + 13 * count + i);
     lane_store(keep(any, splat(1.0f)), out + 14 * count + i);
+#if PAVE_HAS_INSTANCES
+    lane_store(as_vfloat(v.valid ? v.instance : splat_int(-1)), out + 15 * count + i);
+#endif
 }

@@ -20,9 +20,13 @@ static inline vmask any_flats(const Scene* s, int kind, vec3 o, vec3 d, vfloat t
 }
 
 #if PAVE_HAS_TREE
-static inline void closest_in_tree(const Scene* s, vec3 o, vec3 d, vmask active, vint skip,
+static inline RayFrames frames_of_scene(const Scene* s, vec3 o, vec3 d) {
+    const float bound[3] = {s->p->tree_bound[0], s->p->tree_bound[1], s->p->tree_bound[2]};
+    return ray_frames(bound, o, d);
+}
+static inline void closest_in_tree(const Scene* s, vec3 o, vec3 d, vmask active, Skip skip,
                                    Hit* hit) {
-    const RayFrames frames = ray_frames(s->p, o, d);
+    const RayFrames frames = frames_of_scene(s, o, d);
 #if PAVE_HAS_PACKETS
     PacketFrame packet;
     if (!lane_any(lane_not(active)) && packet_frame(&frames, &packet)) {
@@ -37,12 +41,15 @@ static inline void closest_in_tree(const Scene* s, vec3 o, vec3 d, vmask active,
     walk_to_closest(s, &rays, bits);
     hit->t = lane_load(rays.t);
     hit->id = lane_load(rays.id);
+#if PAVE_HAS_INSTANCES
+    hit->instance = lane_load(rays.instance);
+#endif
     hit->b1 = lane_load(rays.b1);
     hit->b2 = lane_load(rays.b2);
 }
 static inline vmask any_in_tree(const Scene* s, vec3 o, vec3 d, vfloat t_max, vmask active,
-                                vint skip) {
-    const RayFrames frames = ray_frames(s->p, o, d);
+                                Skip skip) {
+    const RayFrames frames = frames_of_scene(s, o, d);
     const uint bits = lane_bits(active & enter_root(s, &frames, t_max));
     if (!bits) return mask_of(0);
     Hit limit = no_hit();
@@ -53,10 +60,10 @@ static inline vmask any_in_tree(const Scene* s, vec3 o, vec3 d, vfloat t_max, vm
 }
 #endif
 
-/// Closest hit before t_max of the active lanes; the others get nothing of use. `skip`: id that the
-/// ray starts on, for triangles.
+/// Closest hit before t_max of the active lanes; the others get nothing of use. `skip`: what
+/// the ray starts on, for triangles.
 static inline Hit trace_closest(const Scene* s, vec3 o, vec3 d, vfloat t_max, vmask active,
-                                vint skip) {
+                                Skip skip) {
     Hit hit = no_hit();
     hit.t = t_max;
     __constant const PathParams* p = s->p;
@@ -93,7 +100,7 @@ static inline Hit trace_closest(const Scene* s, vec3 o, vec3 d, vfloat t_max, vm
 /// Lanes of `active` whose ray meets something between 0 and t_max. For rays from a surface to a
 /// light: shapes that can not stand between them (those from flat_shadow[kind] on) are left out.
 static inline vmask trace_any(const Scene* s, vec3 o, vec3 d, vfloat t_max, vmask active,
-                              vint skip) {
+                              Skip skip) {
     vmask blocked = mask_of(0);
     __constant const PathParams* p = s->p;
 #if PAVE_HAS_AXIS_RECTS || PAVE_HAS_AXIS_CUBES

@@ -1,6 +1,7 @@
 // Rays and the 8-wide tree: which children of a node a ray enters, what it meets in a leaf.
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
+#include "instance.h"
 #include "intersect.h"
 #include "scene.h"
 
@@ -11,6 +12,8 @@
 // Bounds of a box test's and a hit's rounding, in units of the coordinates (2^-23 * 4): see
 // slab_offsets.
 #define BOX_SLACK 4.8e-7f
+
+#define RAYS_KEEP_DIRECTION (PAVE_TREE_SHAPES || PAVE_HAS_INSTANCES)
 
 /// What is common to the box and triangle tests of a ray. Boxes: reciprocal slopes, and offsets
 /// that make every box wider by more than the rounding of its own test and of the triangle test
@@ -24,7 +27,8 @@ typedef struct {
     vfloat origin[3], shear[3];  // along the two axes that follow the longest cyclically, and that
 } RayFrames;
 
-static inline RayFrames ray_frames(__constant const PathParams* p, vec3 o, vec3 d) {
+/// `bound`: largest |x|, |y|, |z| of the tree.
+static inline RayFrames ray_frames(const float* bound, vec3 o, vec3 d) {
     RayFrames f;
     const vfloat from[3] = {o.x, o.y, o.z}, to[3] = {d.x, d.y, d.z};
 #pragma unroll
@@ -32,7 +36,7 @@ static inline RayFrames ray_frames(__constant const PathParams* p, vec3 o, vec3 
         const vmask flat = vabs(to[a]) < LEAST_SLOPE;
         const vfloat slope = 1.0f / (flat ? with_sign(splat(LEAST_SLOPE), to[a]) : to[a]);
         const vfloat base = -from[a] * slope;
-        const vfloat slack = BOX_SLACK * (vabs(from[a]) + p->tree_bound[a]) * vabs(slope);
+        const vfloat slack = BOX_SLACK * (vabs(from[a]) + bound[a]) * vabs(slope);
         f.slope[a] = slope;
         f.near_offset[a] = base - slack;
         f.far_offset[a] = base + slack;
@@ -55,13 +59,16 @@ typedef struct {
     float slope[3], near_offset[3], far_offset[3];
     int near_row[3], longest;
     float origin[3], shear[3];
-#if PAVE_TREE_SHAPES
+#if RAYS_KEEP_DIRECTION
     float o[3], d[3];
 #endif
     int skip;  // triangle that the ray starts on; a plane is never hit twice
     float t;   // closest so far
     int id;    // -1: nothing yet
     float b1, b2;
+#if PAVE_HAS_INSTANCES
+    int instance, skip_instance;  // of the hit, and of `skip`
+#endif
 } TreeRay;
 
 /// Rays of all lanes as arrays, from which each is taken in turn.
@@ -69,15 +76,18 @@ typedef struct {
     float slope[3][PAVE_LANES], near_offset[3][PAVE_LANES], far_offset[3][PAVE_LANES];
     int near_row[3][PAVE_LANES], longest[PAVE_LANES], skip[PAVE_LANES];
     float origin[3][PAVE_LANES], shear[3][PAVE_LANES];
-#if PAVE_TREE_SHAPES
+#if RAYS_KEEP_DIRECTION
     float o[3][PAVE_LANES], d[3][PAVE_LANES];
+#endif
+#if PAVE_HAS_INSTANCES
+    int instance[PAVE_LANES], skip_instance[PAVE_LANES];
 #endif
     float t[PAVE_LANES], b1[PAVE_LANES], b2[PAVE_LANES];
     int id[PAVE_LANES];
 } LaneRays;
 
 static inline void store_rays(LaneRays* rays, const RayFrames* f, vec3 o, vec3 d, const Hit* before,
-                              vint skip) {
+                              Skip skip) {
 #pragma unroll
     for (int a = 0; a < 3; ++a) {
         lane_store(f->slope[a], rays->slope[a]);
@@ -87,7 +97,7 @@ static inline void store_rays(LaneRays* rays, const RayFrames* f, vec3 o, vec3 d
         lane_store(f->origin[a], rays->origin[a]);
         lane_store(f->shear[a], rays->shear[a]);
     }
-#if PAVE_TREE_SHAPES
+#if RAYS_KEEP_DIRECTION
     lane_store(o.x, rays->o[0]);
     lane_store(o.y, rays->o[1]);
     lane_store(o.z, rays->o[2]);
@@ -96,7 +106,11 @@ static inline void store_rays(LaneRays* rays, const RayFrames* f, vec3 o, vec3 d
     lane_store(d.z, rays->d[2]);
 #endif
     lane_store(f->longest, rays->longest);
-    lane_store(skip, rays->skip);
+    lane_store(skip.id, rays->skip);
+#if PAVE_HAS_INSTANCES
+    lane_store(before->instance, rays->instance);
+    lane_store(skip.instance, rays->skip_instance);
+#endif
     lane_store(before->t, rays->t);
     lane_store(before->id, rays->id);
     lane_store(before->b1, rays->b1);
@@ -112,7 +126,7 @@ static inline TreeRay ray_of_lane(const LaneRays* rays, uint i) {
         r.near_row[a] = rays->near_row[a][i];
         r.origin[a] = rays->origin[a][i];
         r.shear[a] = rays->shear[a][i];
-#if PAVE_TREE_SHAPES
+#if RAYS_KEEP_DIRECTION
         r.o[a] = rays->o[a][i];
         r.d[a] = rays->d[a][i];
 #endif
@@ -123,8 +137,28 @@ static inline TreeRay ray_of_lane(const LaneRays* rays, uint i) {
     r.id = -1;
     r.b1 = 0.0f;
     r.b2 = 0.0f;
+#if PAVE_HAS_INSTANCES
+    r.instance = -1;
+    r.skip_instance = rays->skip_instance[i];
+#endif
     return r;
 }
+
+#if PAVE_HAS_INSTANCES
+/// Sets the ray on the way of the frames' first lane.
+static inline void aim_ray(TreeRay* r, const RayFrames* f) {
+#pragma unroll
+    for (int a = 0; a < 3; ++a) {
+        r->slope[a] = first_lane(f->slope[a]);
+        r->near_offset[a] = first_lane(f->near_offset[a]);
+        r->far_offset[a] = first_lane(f->far_offset[a]);
+        r->near_row[a] = first_lane(f->near_row[a]);
+        r->origin[a] = first_lane(f->origin[a]);
+        r->shear[a] = first_lane(f->shear[a]);
+    }
+    r->longest = first_lane(f->longest);
+}
+#endif
 
 static inline float8 min_8(float8 a, float8 b) { return a < b ? a : b; }
 static inline float8 max_8(float8 a, float8 b) { return a > b ? a : b; }
@@ -221,7 +255,7 @@ static inline int any_in_triangles(__global const float8* leaf, const TreeRay* r
 /// scalar one.
 static inline void closest_in_shape(const Scene* s, int code, TreeRay* r) {
     const vec3 o = splat3(r->o[0], r->o[1], r->o[2]), d = splat3(r->d[0], r->d[1], r->d[2]);
-    const int kind = code & 3, index = code >> 2;
+    const int kind = leaf_kind(code), index = leaf_index(code);
     Hit hit = no_hit();
     hit.t = splat(r->t);
     hit.id = splat_int(r->id);
@@ -242,7 +276,7 @@ static inline void closest_in_shape(const Scene* s, int code, TreeRay* r) {
 }
 static inline int any_in_shape(const Scene* s, int code, const TreeRay* r) {
     const vec3 o = splat3(r->o[0], r->o[1], r->o[2]), d = splat3(r->d[0], r->d[1], r->d[2]);
-    const int kind = code & 3, index = code >> 2;
+    const int kind = leaf_kind(code), index = leaf_index(code);
     const vfloat t = splat(r->t);
     if (kind == LEAF_FLAT) {
         __global const FlatShape* f = flat_shapes(s, FLAT_RECT) + index;
@@ -255,22 +289,22 @@ static inline int any_in_shape(const Scene* s, int code, const TreeRay* r) {
 
 static inline void closest_in_leaf(const Scene* s, int code, TreeRay* r) {
 #if PAVE_TREE_SHAPES
-    if ((code & 3) != LEAF_TRIANGLES) {
+    if (leaf_kind(code) != LEAF_TRIANGLES) {
         closest_in_shape(s, code, r);
         return;
     }
 #endif
 #if PAVE_HAS_TRIANGLES
-    closest_in_triangles(s->tree + s->p->leaf_row + (uint)(code >> 2) * LEAF_ROWS, r,
+    closest_in_triangles(s->tree + s->p->leaf_row + (uint)leaf_index(code) * LEAF_ROWS, r,
                          s->p->surface_count);
 #endif
 }
 static inline int any_in_leaf(const Scene* s, int code, const TreeRay* r) {
 #if PAVE_TREE_SHAPES
-    if ((code & 3) != LEAF_TRIANGLES) return any_in_shape(s, code, r);
+    if (leaf_kind(code) != LEAF_TRIANGLES) return any_in_shape(s, code, r);
 #endif
 #if PAVE_HAS_TRIANGLES
-    return any_in_triangles(s->tree + s->p->leaf_row + (uint)(code >> 2) * LEAF_ROWS, r,
+    return any_in_triangles(s->tree + s->p->leaf_row + (uint)leaf_index(code) * LEAF_ROWS, r,
                             s->p->surface_count);
 #else
     return 0;

@@ -31,6 +31,7 @@ static inline vec3 cross3(vec3 a, vec3 b) {
     return vec3_of(mad_f(a.y, b.z, -(a.z * b.y)), mad_f(a.z, b.x, -(a.x * b.z)),
                    mad_f(a.x, b.y, -(a.y * b.x)));
 }
+static inline vec3 abs3(vec3 a) { return vec3_of(vabs(a.x), vabs(a.y), vabs(a.z)); }
 static inline vec3 normalize3(vec3 a) { return scale3(a, inverse_sqrt(dot3(a, a))); }
 static inline vec3 select3(vmask m, vec3 a, vec3 b) {
     return vec3_of(m ? a.x : b.x, m ? a.y : b.y, m ? a.z : b.z);
@@ -39,9 +40,7 @@ static inline vec3 keep3(vmask m, vec3 a) {
     return vec3_of(keep(m, a.x), keep(m, a.y), keep(m, a.z));
 }
 static inline vfloat max_component(vec3 a) { return vmax(vmax(a.x, a.y), a.z); }
-static inline vfloat max_abs_component(vec3 a) {
-    return vmax(vmax(vabs(a.x), vabs(a.y)), vabs(a.z));
-}
+static inline vfloat max_abs_component(vec3 a) { return max_component(abs3(a)); }
 
 /// An orthonormal basis around n; local = (dot s, dot t, dot n).
 typedef struct {

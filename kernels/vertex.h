@@ -18,6 +18,9 @@ typedef struct {
     vint bits;   // BITS of render_types.h
     vint light;  // triangles only; see light_of_vertex
     vint id;
+#if PAVE_HAS_INSTANCES
+    vint instance;  // -1: none
+#endif
     vfloat offset;
 #if PAVE_HAS_TEXTURES
     vfloat tu, tv;  // texture coordinates, where the material has a texture
@@ -26,6 +29,16 @@ typedef struct {
 
 static inline vfloat offset_at(const Scene* s, vfloat scale) {
     return mad_f(splat(OFFSET_RELATIVE), scale, splat(s->p->offset_floor));
+}
+
+/// For rays from the vertex, which do not hit its triangle again.
+static inline Skip skip_of(const Vertex* v) {
+    Skip skip;
+    skip.id = v->id;
+#if PAVE_HAS_INSTANCES
+    skip.instance = v->instance;
+#endif
+    return skip;
 }
 
 /// Start of a ray from p towards w, on w's side of the surface.
@@ -59,15 +72,17 @@ static inline void triangle_vertex(const Scene* s, const Hit* hit, vmask m, Vert
     const vec3 v0 = vec3_of(r0.s0, r0.s1, r0.s2), v1 = vec3_of(r0.s4, r0.s5, r0.s6),
                v2 = vec3_of(r1.s0, r1.s1, r1.s2);
     const vec3 e1 = sub3(v1, v0), e2 = sub3(v2, v0);
-    const vec3 n_geom = normalize3(cross3(e1, e2));
-    vec3 n_shade = n_geom;
+    vec3 n_geom = normalize3(cross3(e1, e2)), n_shade = n_geom;
 #if PAVE_HAS_SMOOTH
     n_shade = smooth_normal(s, as_vint(r1.s4), hit->b1, hit->b2, n_geom);
 #endif
-    const vfloat scale =
-        vmax(max_abs_component(v0), vmax(max_abs_component(v1), max_abs_component(v2)));
+    vfloat scale = vmax(max_abs_component(v0), vmax(max_abs_component(v1), max_abs_component(v2)));
     // From the vertices, not along the ray: the error does not grow with the ray's length.
-    v->p = select3(m, mad3(e2, hit->b2, mad3(e1, hit->b1, v0)), v->p);
+    vec3 p = mad3(e2, hit->b2, mad3(e1, hit->b1, v0));
+#if PAVE_HAS_INSTANCES
+    place_vertex(s, m ? hit->instance : splat_int(-1), &p, &n_geom, &n_shade, &scale);
+#endif
+    v->p = select3(m, p, v->p);
     v->n_geom = select3(m, n_geom, v->n_geom);
     v->n_shade = select3(m, n_shade, v->n_shade);
     v->bits = m ? as_vint(r0.s3) : v->bits;
@@ -106,6 +121,9 @@ static inline Vertex vertex_of(const Scene* s, const Hit* hit, vec3 o, vec3 d) {
     Vertex v;
     v.valid = hit->t < INFINITY;
     v.id = hit->id;
+#if PAVE_HAS_INSTANCES
+    v.instance = hit->instance;
+#endif
     v.light = splat_int(0);
 #if PAVE_HAS_TRIANGLES
     const vmask triangle = hit->id >= s->p->surface_count;
@@ -157,7 +175,12 @@ static inline vint light_of_vertex(const Scene* s, const Vertex* v) {
 static inline vint object_of_vertex(const Scene* s, const Vertex* v) {
     vmask triangle;
     const Row r = cold_row(s, v, &triangle);
-    return as_vint(triangle ? r.s3 : r.s4);
+    const vint object = as_vint(triangle ? r.s3 : r.s4);
+#if PAVE_HAS_INSTANCES
+    return object_of_instance(s, v->instance, object);
+#else
+    return object;
+#endif
 }
 
 /// Basis around n_shade. Its tangent follows the shape's own where a material asks for it

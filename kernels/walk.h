@@ -13,9 +13,9 @@
 static inline void fetch_ahead(const Scene* s, int code) {
 #ifdef prefetch_line
     __global const char* p =
-        (__global const char*)(s->tree + (code >= 0
-                                              ? (uint)code * NODE_ROWS
-                                              : s->p->leaf_row + (uint)(~code >> 2) * LEAF_ROWS));
+        (__global const char*)(s->tree +
+                               (code >= 0 ? (uint)code * NODE_ROWS
+                                          : s->p->leaf_row + (uint)leaf_index(code) * LEAF_ROWS));
     prefetch_line(p);
     prefetch_line(p + 64);
     prefetch_line(p + 128);
@@ -33,20 +33,72 @@ static inline void fetch_triangle(const Scene* s, int id) {
 #endif
 }
 
+#if PAVE_HAS_INSTANCES
+/// The instance that a ray is in, and what the ray is outside of it.
+typedef struct {
+    int instance;  // -1: in none
+    int depth;     // of the stack, when it came in; -1: in none
+    TreeRay outside;
+} Visit;
+#endif
+
 /// Where a ray is in the tree, and what it has still to visit.
 typedef struct {
     int current, depth;
+#if PAVE_HAS_INSTANCES
+    Visit visit;
+#endif
 } Place;
+static inline Place root_place(void) {
+    Place at;
+    at.current = at.depth = 0;
+#if PAVE_HAS_INSTANCES
+    at.visit.instance = at.visit.depth = -1;
+#endif
+    return at;
+}
 typedef struct {
     int codes[PAVE_STACK];
     float entries[PAVE_STACK];
 } Stack;
 
+#if PAVE_HAS_INSTANCES
+/// The ray goes on in the instance of the leaf that it is at.
+static inline void enter_instance(const Scene* s, TreeRay* r, Place* at) {
+    const int instance = leaf_index(at->current);
+    __global const float8* rows = instance_at(s, instance);
+    at->visit.instance = instance;
+    at->visit.depth = at->depth;
+    at->visit.outside = *r;
+    float o[3], d[3];
+    map_to_group(rows, r->o, r->d, o, d);
+    const float bound[3] = {rows[1].s6, rows[1].s7, rows[2].s3};
+    const RayFrames f = ray_frames(bound, splat3(o[0], o[1], o[2]), splat3(d[0], d[1], d[2]));
+    aim_ray(r, &f);
+    if (r->skip_instance != instance) r->skip = -1;
+    at->current = as_int(rows[1].s4);
+}
+/// Back outside, with what the ray has met since.
+static inline void leave_instance(TreeRay* r, Visit* visit) {
+    TreeRay back = visit->outside;
+    back.t = r->t;
+    back.id = r->id;
+    back.b1 = r->b1;
+    back.b2 = r->b2;
+    back.instance = r->instance;
+    *r = back;
+    visit->instance = visit->depth = -1;
+}
+#endif
+
 /// Goes on with what was put aside last; 0 at the end. What lies behind the closest hit is dropped
 /// unread.
-static inline int take_from_stack(const TreeRay* r, Place* at, const Stack* stack) {
+static inline int take_from_stack(TreeRay* r, Place* at, const Stack* stack) {
     int depth = at->depth;
     do {
+#if PAVE_HAS_INSTANCES
+        if (depth == at->visit.depth) leave_instance(r, &at->visit);
+#endif
         if (depth == 0) return 0;
         --depth;
     } while (stack->entries[depth] >= r->t);
@@ -57,7 +109,7 @@ static inline int take_from_stack(const TreeRay* r, Place* at, const Stack* stac
 
 /// From the node to the nearest child that the ray enters before r->t, the others put aside in
 /// order; 0 at the end.
-static inline int step_from_node(const Scene* s, const TreeRay* r, Place* at, Stack* stack) {
+static inline int step_from_node(const Scene* s, TreeRay* r, Place* at, Stack* stack) {
     const TreeSlabs k = tree_slabs(r);
     __global const float8* node = s->tree + (uint)at->current * NODE_ROWS;
     float8 entry;
@@ -104,12 +156,30 @@ static inline int step_from_node(const Scene* s, const TreeRay* r, Place* at, St
 }
 /// r->t, id, b1, b2 get the leaf's closest hit before r->t; 0 at the end.
 static inline int step_from_leaf(const Scene* s, TreeRay* r, Place* at, const Stack* stack) {
-    closest_in_leaf(s, ~at->current, r);
+#if PAVE_HAS_INSTANCES
+    if (leaf_kind(at->current) == LEAF_INSTANCE) {
+        enter_instance(s, r, at);
+        return 1;
+    }
+    const float before = r->t;
+#endif
+    closest_in_leaf(s, at->current, r);
+#if PAVE_HAS_INSTANCES
+    if (r->t < before) r->instance = at->visit.instance;
+#endif
     return take_from_stack(r, at, stack);
 }
 
+static inline int take_any_from_stack(TreeRay* r, Place* at, const Stack* stack) {
+#if PAVE_HAS_INSTANCES
+    if (at->depth == at->visit.depth) leave_instance(r, &at->visit);
+#endif
+    if (at->depth == 0) return 0;
+    at->current = stack->codes[--at->depth];
+    return 1;
+}
 /// As step_from_node, in any order.
-static inline int any_from_node(const Scene* s, const TreeRay* r, Place* at, Stack* stack) {
+static inline int any_from_node(const Scene* s, TreeRay* r, Place* at, Stack* stack) {
     const TreeSlabs k = tree_slabs(r);
     __global const float8* node = s->tree + (uint)at->current * NODE_ROWS;
     __global const int* child = (__global const int*)(node + 6);
@@ -120,18 +190,21 @@ static inline int any_from_node(const Scene* s, const TreeRay* r, Place* at, Sta
         fetch_ahead(s, child[c]);
         stack->codes[depth++] = child[c];
     }
-    if (depth == 0) return 0;
-    at->current = stack->codes[--depth];
     at->depth = depth;
-    return 1;
+    return take_any_from_stack(r, at, stack);
 }
 /// `found` gets whether the leaf is hit; 0 then, and at the end.
-static inline int any_from_leaf(const Scene* s, const TreeRay* r, Place* at, const Stack* stack,
+static inline int any_from_leaf(const Scene* s, TreeRay* r, Place* at, const Stack* stack,
                                 int* found) {
-    *found = any_in_leaf(s, ~at->current, r);
-    if (*found || at->depth == 0) return 0;
-    at->current = stack->codes[--at->depth];
-    return 1;
+#if PAVE_HAS_INSTANCES
+    if (leaf_kind(at->current) == LEAF_INSTANCE) {
+        enter_instance(s, r, at);
+        *found = 0;
+        return 1;
+    }
+#endif
+    *found = any_in_leaf(s, at->current, r);
+    return *found ? 0 : take_any_from_stack(r, at, stack);
 }
 
 /// A walk's end: what the ray has met goes to its lane.
@@ -140,11 +213,14 @@ static inline void keep_hit(const Scene* s, const TreeRay* r, LaneRays* rays, ui
     fetch_triangle(s, r->id);
     rays->t[lane] = r->t;
     rays->id[lane] = r->id;
+#if PAVE_HAS_INSTANCES
+    rays->instance[lane] = r->instance;
+#endif
     rays->b1[lane] = r->b1;
     rays->b2[lane] = r->b2;
 }
 
-#if PAVE_TREE_TURNS
+#if PAVE_TREE_TURNS && !PAVE_HAS_INSTANCES
 
 // In a tree larger than the caches rays take turns, a node or leaf each: while the others are at
 // theirs, a ray's next one comes from memory. All at nodes go before all at leaves, which the
@@ -158,7 +234,7 @@ typedef struct {
 static inline void start_turns(Turns* w, uint lanes) {
     w->at_node = lanes;
     w->at_leaf = 0;
-    for (int i = 0; i < PAVE_LANES; ++i) w->at[i].current = w->at[i].depth = 0;
+    for (int i = 0; i < PAVE_LANES; ++i) w->at[i] = root_place();
 }
 static inline void end_turn(Turns* w, uint lane, Place at, int more) {
     const uint bit = 1u << lane, leaf = as_uint(at.current) >> 31;
@@ -178,7 +254,7 @@ static inline void walk_to_closest(const Scene* s, LaneRays* rays, uint lanes) {
     while (w.at_node | w.at_leaf) {
         for (uint m = w.at_node; m; m &= m - 1u) {
             const uint i = lowest_bit(m);
-            const TreeRay r = ray_of_lane(rays, i);
+            TreeRay r = ray_of_lane(rays, i);
             Place at = w.at[i];
             const int more = step_from_node(s, &r, &at, &w.stack[i]);
             end_turn(&w, i, at, more);
@@ -202,14 +278,14 @@ static inline uint walk_to_any(const Scene* s, const LaneRays* rays, uint lanes)
     while (w.at_node | w.at_leaf) {
         for (uint m = w.at_node; m; m &= m - 1u) {
             const uint i = lowest_bit(m);
-            const TreeRay r = ray_of_lane(rays, i);
+            TreeRay r = ray_of_lane(rays, i);
             Place at = w.at[i];
             const int more = any_from_node(s, &r, &at, &w.stack[i]);
             end_turn(&w, i, at, more);
         }
         for (uint m = w.at_leaf; m; m &= m - 1u) {
             const uint i = lowest_bit(m);
-            const TreeRay r = ray_of_lane(rays, i);
+            TreeRay r = ray_of_lane(rays, i);
             Place at = w.at[i];
             int hit;
             const int more = any_from_leaf(s, &r, &at, &w.stack[i], &hit);
@@ -227,7 +303,7 @@ static inline void walk_to_closest(const Scene* s, LaneRays* rays, uint lanes) {
     for (; lanes; lanes &= lanes - 1u) {
         const uint i = lowest_bit(lanes);
         TreeRay r = ray_of_lane(rays, i);
-        Place at = {0, 0};
+        Place at = root_place();
         Stack stack;
         while (at.current < 0 ? step_from_leaf(s, &r, &at, &stack)
                               : step_from_node(s, &r, &at, &stack)) {
@@ -241,8 +317,8 @@ static inline uint walk_to_any(const Scene* s, const LaneRays* rays, uint lanes)
     uint found = 0;
     for (; lanes; lanes &= lanes - 1u) {
         const uint i = lowest_bit(lanes);
-        const TreeRay r = ray_of_lane(rays, i);
-        Place at = {0, 0};
+        TreeRay r = ray_of_lane(rays, i);
+        Place at = root_place();
         Stack stack;
         int hit = 0;
         while (at.current < 0 ? any_from_leaf(s, &r, &at, &stack, &hit)

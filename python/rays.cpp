@@ -14,7 +14,7 @@ using Released = nb::call_guard<nb::gil_scoped_release>;
 
 /// Records as rows of plain numbers: the package gives them their names.
 using RayArray = nb::ndarray<const float, nb::shape<-1, 8>, nb::c_contig, nb::device::cpu>;
-using HitArray = nb::ndarray<float, nb::shape<-1, 5>, nb::c_contig, nb::device::cpu>;
+using HitArray = nb::ndarray<float, nb::shape<-1, 6>, nb::c_contig, nb::device::cpu>;
 using FlagArray = nb::ndarray<uint8_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 
 std::span<const Ray> rays_of(const RayArray& rays) {

@@ -115,8 +115,14 @@ void bind_scene(nb::module_& module) {
 
 void bind_renderer(nb::module_& module) {
     nb::class_<Renderer>(module, "Renderer")
-        .def(nb::init<const Device&, const Scene&>(), nb::arg("device"), nb::arg("scene"),
-             Released())
+        .def(
+            "__init__",
+            [](Renderer* self, const Device& device, const Scene& scene, int copied_triangles) {
+                RendererPaths paths;
+                paths.copied_triangles = copied_triangles;
+                new (self) Renderer(device, scene, paths);
+            },
+            nb::arg("device"), nb::arg("scene"), nb::arg("copied_triangles"), Released())
         .def("render", &render, nb::arg("view"), nb::arg("frame"), nb::arg("spp"),
              nb::arg("max_depth"), nb::arg("rr_depth"), nb::arg("sampler"), nb::arg("seed"),
              nb::arg("frame_index"), nb::arg("tile_rows"), nb::arg("work_group_size"),

@@ -122,10 +122,15 @@ void add_materials(const Scene& scene, SceneData& data) {
     if (scene.bsdfs.size() >= MAX_BSDFS)
         throw InputError("scene '" + scene.name + "': " + std::to_string(scene.bsdfs.size()) +
                          " materials, at most " + std::to_string(MAX_BSDFS - 1));
-    for (const Shape& shape : scene.shapes)
+    const auto check = [&](const Shape& shape) {
         if (shape.bsdf < 0 || static_cast<size_t>(shape.bsdf) >= scene.bsdfs.size())
             throw InputError(name_of(scene, shape) + ": material " + std::to_string(shape.bsdf) +
                              " of " + std::to_string(scene.bsdfs.size()));
+    };
+    for (const ShapeGroup& group : scene.groups)
+        for (const Shape& shape : group.shapes) check(shape);
+    for (const Shape& shape : scene.shapes)
+        if (shape.type != Shape::Type::kInstance) check(shape);
     for (const Bsdf& b : scene.bsdfs) {
         for (const int texture : {b.reflectance_texture, b.specular_reflectance_texture,
                                   b.specular_transmittance_texture})

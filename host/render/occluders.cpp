@@ -118,11 +118,12 @@ static bool is_hull(const SceneData& data, const Scene& scene, const kernel::Fla
                          flat.n[3];
         take({d - sphere.radius, d + sphere.radius});
     }
-    for (const auto& triangle : data.corners) {
+    for (size_t i = 0; i < data.own_triangles; ++i) {
         Aabb box;
-        for (const auto& corner : triangle) box.grow_to(corner);
+        for (const auto& corner : data.corners[i]) box.grow_to(corner);
         take(distances(flat, box));
     }
+    for (const InstanceData& instance : data.instances) take(distances(flat, instance.bounds));
     for (const Scene::PointLight& light : scene.point_lights) {
         Aabb point;
         point.grow_to(light.position);

@@ -160,6 +160,7 @@ void set_scene_params(kernel::PathParams& p, const SceneData& data, int lanes) {
     p.environment_row = p.texture_row + rows_of(data.textures);
     p.sobol_row = p.environment_row + rows_of(data.environment);
     p.leaf_row = static_cast<uint32_t>(data.leaf_row);
+    p.instance_row = static_cast<uint32_t>(data.instance_row);
 }
 
 kernel::PathParams make_params(const SceneData& data, const Scene& scene, const View& view,

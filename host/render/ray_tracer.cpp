@@ -18,6 +18,7 @@ static_assert(sizeof(Ray) == sizeof(kernel::RayRecord));
 static_assert(offsetof(Ray, t_max) == offsetof(kernel::RayRecord, t_max));
 static_assert(offsetof(Ray, direction) == offsetof(kernel::RayRecord, direction));
 static_assert(sizeof(Hit) == sizeof(kernel::HitRecord));
+static_assert(offsetof(Hit, part) == offsetof(kernel::HitRecord, part));
 static_assert(offsetof(Hit, b1) == offsetof(kernel::HitRecord, b1));
 
 constexpr size_t kRaysALaunch = size_t{1} << 22;  // about a second: the queue is not blocked longer
@@ -30,6 +31,7 @@ RendererPaths paths_of(const RayTracerOptions& options) {
     return {.broadcast_shapes = options.broadcast_shapes,
             .cull_occluders = false,
             .recognise_shapes = false,  // hits name the mesh's own triangles
+            .copied_triangles = options.copied_triangles,
             .specialise = options.specialise};
 }
 
@@ -54,12 +56,14 @@ std::vector<kernel::IdRun> id_runs(const SceneData& data) {
     std::vector<kernel::IdRun> runs;
     for (int id = 0; id < data.surface_count; ++id) {
         const auto row = static_cast<size_t>(id) * SURFACE_ROWS + 1;
-        const int shape = std::bit_cast<int32_t>(data.surfaces[row][4]);
-        if (runs.empty() || runs.back().shape != shape) runs.push_back({id, shape, 0, 0});
+        const int shape = std::bit_cast<int32_t>(data.surfaces[row][4]),
+                  part = std::bit_cast<int32_t>(data.surfaces[row][5]);
+        if (runs.empty() || runs.back().shape != shape || runs.back().part != part)
+            runs.push_back({id, shape, part, 0});
     }
     for (const TriangleRun& run : data.triangle_runs)
-        runs.push_back({data.surface_count + static_cast<int>(run.first),
-                        static_cast<int>(run.shape), static_cast<int>(run.primitive), 0});
+        runs.push_back({data.surface_count + static_cast<int>(run.first), run.shape, run.part,
+                        static_cast<int>(run.primitive)});
     if (runs.empty()) runs.push_back({});  // OpenCL knows no empty buffers
     return runs;
 }

@@ -163,10 +163,10 @@ std::vector<Shape> parts_of(const Shape& shape, const Bsdf& bsdf) {
 }  // namespace
 
 void recognise_shapes(const Scene& scene, SceneData& data, size_t most_shapes) {
-    std::vector<std::vector<Shape>> parts(scene.shapes.size());
+    std::vector<std::vector<Shape>> parts(data.shapes.size());
     size_t count = 0;
     for (size_t i = 0; i < parts.size(); ++i) {
-        const Shape& shape = scene.shapes[i];
+        const Shape& shape = *data.shapes[i];
         if (shape.type != Shape::Type::kMesh) {
             ++count;
             continue;

@@ -28,6 +28,7 @@ void set_bounds(SceneData& data) {
     for (const auto& shape : data.flats) data.bounds.grow(bounds_of(shape));
     for (const auto& shape : data.cubes) data.bounds.grow(bounds_of(shape));
     for (const auto& shape : data.spheres) data.bounds.grow(bounds_of(shape));
+    for (const auto& instance : data.instances) data.bounds.grow(instance.bounds);
     if (data.bounds.empty()) return;
     double extent = 0;
     for (size_t a = 0; a < 3; ++a)
@@ -47,6 +48,12 @@ uint32_t object_of(const Scene& scene, const Shape& shape) {
 }
 
 std::string name_of(const Scene& scene, const Shape& shape) {
+    for (const ShapeGroup& group : scene.groups)
+        for (const Shape& part : group.shapes)
+            if (&part == &shape)
+                return "scene '" + scene.name + "': group '" + group.id + "': shape " +
+                       std::to_string(&part - group.shapes.data()) +
+                       (shape.id.empty() ? "" : " '" + shape.id + "'");
     return "scene '" + scene.name + "': shape " + std::to_string(object_of(scene, shape)) +
            (shape.id.empty() ? "" : " '" + shape.id + "'");
 }
@@ -73,6 +80,7 @@ void add_features(const Scene& scene, SceneData& data, const RendererPaths& path
     set("PAVE_HAS_CUBES", data.broadcast && !data.cubes.empty());
     set("PAVE_HAS_SPHERES", data.broadcast && !data.spheres.empty());
     set("PAVE_HAS_TRIANGLES", !data.corners.empty());
+    set("PAVE_HAS_INSTANCES", !data.instances.empty());
     set("PAVE_HAS_SMOOTH", !data.normals.empty());
     set("PAVE_HAS_CONDUCTOR", has_bsdf(scene, Bsdf::Type::kConductor));
     set("PAVE_HAS_ROUGH", has_bsdf(scene, Bsdf::Type::kRoughConductor));
@@ -101,10 +109,12 @@ SceneData build_scene_data(const Scene& scene, const RendererPaths& paths, bool 
     std::vector<LightSource> lights;
     add_textures(scene, data);
     add_materials(scene, data);
-    data.parts.resize(scene.shapes.size());
+    place_instances(scene, data, paths, tables);
+    data.parts.resize(data.shapes.size());
     if (paths.recognise_shapes) recognise_shapes(scene, data, most_shapes);
     add_shapes(scene, data, lights);
     add_triangles(scene, data, lights, tables, workers);
+    build_groups(data, workers);
     set_bounds(data);
     add_lights(scene, data, std::move(lights));
     add_environment(scene, data);
@@ -115,6 +125,9 @@ SceneData build_scene_data(const Scene& scene, const RendererPaths& paths, bool 
     if (data.repeat_shapes) split_axis_shapes(data);
     add_tree(data, workers);
     add_features(scene, data, paths);
+    data.shapes = std::vector<const Shape*>();
+    data.copies = std::vector<Shape>();
+    data.groups = std::vector<GroupData>();
     data.surface_count = static_cast<int>(data.surfaces.size() / SURFACE_ROWS);
     data.light_count = static_cast<int>(data.lights.size() / LIGHT_ROWS);
     // Lanes without a hit read entry 0 of every table.

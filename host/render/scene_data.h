@@ -22,15 +22,39 @@ float as_float_bits(uint32_t bits);
 
 using Corners = std::array<std::array<float, 3>, 3>;
 
-/// Triangles from `first` on, up to the next run's, are those of `shape` from its `primitive` on:
-/// dropped ones end a run.
+/// Triangles from `first` on, up to the next run's, are those of `shape`, or of `part` of a group,
+/// from its `primitive` on: dropped ones end a run.
 struct TriangleRun {
-    uint32_t first = 0, shape = 0, primitive = 0;
+    uint32_t first = 0;
+    int shape = -1, part = -1;
+    uint32_t primitive = 0;
+};
+
+/// A group whose triangles are there once, with a tree of their own.
+struct GroupData {
+    const ShapeGroup* group = nullptr;
+    size_t first = 0, count = 0;  // of `corners`
+    Aabb bounds;
+    Bvh8 tree;
+};
+
+/// Where it lies.
+struct InstanceData {
+    size_t group = 0;  // into SceneData::groups
+    uint32_t object = 0;
+    Axes world_from_group;
+    Aabb bounds;  // in the world
 };
 
 struct SceneData {
-    // By shape of the scene: the rectangles and boxes that are traced in a mesh's place; or none.
+    // What is traced as it stands, until the tables are made: the scene's own shapes but instances,
+    // and shapes of groups that were copied to their instances' places.
+    std::vector<const Shape*> shapes;
+    std::vector<Shape> copies;
+    // By those shapes: the rectangles and boxes that are traced in a mesh's place; or none.
     std::vector<std::vector<Shape>> parts;
+    std::vector<GroupData> groups;  // those that are not copied
+    std::vector<InstanceData> instances;
 
     std::vector<kernel::FlatShape> flats;  // rectangles, then disks, then triangles
     // By kind; the first flat_shadow of a kind can stand between a surface and a light.
@@ -48,15 +72,16 @@ struct SceneData {
     std::vector<Row> surfaces, triangles, normals, bsdfs, lights;
     std::vector<Row> uvs, textures;  // empty in a scene without textures
     std::vector<Row> environment;    // its image; three rows without one
-    Block<Corners> corners;          // of the triangles, for the tree
+    Block<Corners> corners;          // of the triangles, for the tree; those of groups come last
+    size_t own_triangles = 0;        // that are in no group
     std::vector<TriangleRun> triangle_runs;
     int surface_count = 0, light_count = 0;  // tables have one empty entry where the scene has none
     std::vector<uint32_t> light_cdf;
     float environment_pmf = 0;
 
-    Block<Row> tree;      // nodes, then leaves
-    size_t leaf_row = 0;  // where the leaves begin
-    int stack = 0;        // entries that walking the tree needs at most
+    Block<Row> tree;  // nodes, then leaves, then instances
+    size_t leaf_row = 0, instance_row = 0;
+    int stack = 0;  // entries that walking the tree needs at most
     std::array<float, 3> tree_bound{};
 
     Aabb bounds;
@@ -83,6 +108,13 @@ struct LightSource {
     double power = 0;
     int normals = -1;
 };
+/// Fills `shapes`, `copies`, `groups` and `instances`. With `turn` the winding of mirrored copies
+/// is turned, so that their front is the group's; without, triangles keep their vertices' order.
+void place_instances(const Scene& scene, SceneData& data, const RendererPaths& paths, bool turn);
+/// Trees of the groups, and with them the bounds of the instances; after the triangles.
+void build_groups(SceneData& data, Workers& workers);
+/// INSTANCE_ROWS rows; `root` is that of the group's tree.
+void write_instance(const InstanceData& instance, const GroupData& group, uint32_t root, Row* rows);
 /// Fills `parts`, unless the scene then has more than `most_shapes` analytic shapes. Corners move
 /// by rounding alone.
 void recognise_shapes(const Scene& scene, SceneData& data, size_t most_shapes);
@@ -105,6 +137,10 @@ void sort_occluders(const Scene& scene, SceneData& data, const RendererPaths& pa
 /// Moves the rectangles and cubes with edges along the coordinate axes to lists of their own.
 void split_axis_shapes(SceneData& data);
 void add_tree(SceneData& data, Workers& workers);
+/// Boxes of the triangles [first, first + count), as the builder takes them, with `spare` behind
+/// them.
+Block<Box> triangle_boxes(const SceneData& data, size_t first, size_t count, size_t spare,
+                          Workers& workers);
 void add_features(const Scene& scene, SceneData& data, const RendererPaths& paths);
 
 Aabb bounds_of(const kernel::FlatShape& flat);

@@ -229,6 +229,7 @@ class ShapeAdder {
         set3(&cold[0], tangent);
         cold[3] = as_float_bits(static_cast<uint32_t>(lights_.size()));
         cold[4] = as_float_bits(object);
+        cold[5] = as_float_bits(static_cast<uint32_t>(shape.part));
         data_.surfaces.push_back(hot);
         data_.surfaces.push_back(cold);
         if (!emits(shape)) return;
@@ -247,8 +248,8 @@ class ShapeAdder {
 void add_shapes(const Scene& scene, SceneData& data, std::vector<LightSource>& lights) {
     ShapeAdder adder(scene, data, lights);
     std::vector<const Shape*> shapes;
-    for (size_t i = 0; i < scene.shapes.size(); ++i) {
-        if (data.parts[i].empty()) shapes.push_back(&scene.shapes[i]);
+    for (size_t i = 0; i < data.shapes.size(); ++i) {
+        if (data.parts[i].empty()) shapes.push_back(data.shapes[i]);
         for (const Shape& part : data.parts[i])
             if (part.type != Shape::Type::kMesh) shapes.push_back(&part);
     }

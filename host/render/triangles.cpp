@@ -22,14 +22,22 @@ Row row_of(const Point& a, float a3, const Point& b, float b3) {
     return {a[0], a[1], a[2], a3, b[0], b[1], b[2], b3};
 }
 
+/// A mesh, and what its triangles are known by.
+struct Place {
+    const Shape* shape;
+    int object, part;  // object -1: of a group, where the instance tells
+    Aabb* bounds;      // that grow
+};
+
 /// One mesh's triangles, those that have an area, chunk by chunk over all cores.
 class MeshReader {
    public:
-    MeshReader(const Scene& scene, const Shape& shape, SceneData& data, size_t first,
+    MeshReader(const Scene& scene, const Place& place, SceneData& data, size_t first,
                Workers& workers)
         : scene_(scene),
-          shape_(shape),
-          mesh_(shape.mesh),
+          place_(place),
+          shape_(*place.shape),
+          mesh_(shape_.mesh),
           data_(data),
           first_(first),
           workers_(workers),
@@ -46,7 +54,7 @@ class MeshReader {
             if (kept != i * kChunk)
                 std::copy(from, from + chunk.kept, data_.corners.data() + first_ + kept);
             append_runs(chunk, first_ + kept);
-            data_.bounds.grow(chunk.bounds);
+            place_.bounds->grow(chunk.bounds);
             kept += chunk.kept;
         }
         data_.dropped_triangles += static_cast<int>(mesh_.triangles.size() - kept);
@@ -80,8 +88,8 @@ class MeshReader {
                                   mesh_.positions[vertex[2]]};
             const bool keep = has_area(corners);
             if (keep && !in_run)
-                chunk.runs.push_back(
-                    {static_cast<uint32_t>(chunk.kept), 0, static_cast<uint32_t>(primitive)});
+                chunk.runs.push_back({.first = static_cast<uint32_t>(chunk.kept),
+                                      .primitive = static_cast<uint32_t>(primitive)});
             in_run = keep;
             if (!keep) continue;
             for (const Point& corner : corners) chunk.bounds.grow_to(corner);
@@ -91,22 +99,21 @@ class MeshReader {
     }
 
     void append_runs(const Chunk& chunk, size_t first) {
-        const auto object = static_cast<uint32_t>(&shape_ - scene_.shapes.data());
         for (TriangleRun run : chunk.runs) {
             run.first += static_cast<uint32_t>(first);
-            run.shape = object;
-            if (!data_.triangle_runs.empty()) {
+            run.shape = place_.object;
+            run.part = place_.part;
+            if (first > first_) {
                 const TriangleRun& last = data_.triangle_runs.back();
                 // The chunk before ended in the middle of a run.
-                if (last.shape == object &&
-                    run.first - last.first == run.primitive - last.primitive)
-                    continue;
+                if (run.first - last.first == run.primitive - last.primitive) continue;
             }
             data_.triangle_runs.push_back(run);
         }
     }
 
     const Scene& scene_;
+    const Place& place_;
     const Shape& shape_;
     const Mesh& mesh_;
     SceneData& data_;
@@ -129,9 +136,10 @@ void for_primitives(const std::vector<TriangleRun>& runs, size_t first, size_t l
 
 /// Shading rows of the triangles [first, last) of `shape`; `normals` and `lights` are those of
 /// `first`.
-void write_rows(const Scene& scene, const Shape& shape, const MeshReader& reader, SceneData& data,
+void write_rows(const Scene& scene, const Place& place, const MeshReader& reader, SceneData& data,
                 size_t first, size_t last, size_t lights, Workers& workers) {
-    const uint32_t object = object_of(scene, shape);
+    const Shape& shape = *place.shape;
+    const auto object = static_cast<uint32_t>(place.object);
     const uint32_t bits = surface_bits(scene, shape, SURFACE_FLAT, false);
     const bool smooth = !shape.mesh.normals.empty();
     const bool textured = has_texture(scene.bsdfs[static_cast<size_t>(shape.bsdf)]);
@@ -196,39 +204,62 @@ LightSource light_of_triangle(const Corners& corners, const Rgb& radiance, int n
     return light;
 }
 
+/// Appends the mesh's triangles at `kept`; returns where the next ones go.
+static size_t add_mesh(const Scene& scene, const Place& place, SceneData& data,
+                       std::vector<LightSource>& lights, bool tables, size_t kept,
+                       Workers& workers) {
+    const Shape& shape = *place.shape;
+    const Mesh& mesh = shape.mesh;
+    if (!mesh.normals.empty() && mesh.normals.size() != mesh.positions.size())
+        throw InputError(name_of(scene, shape) + ": " + std::to_string(mesh.normals.size()) +
+                         " normals for " + std::to_string(mesh.positions.size()) + " vertices");
+    if (has_texture(scene.bsdfs[static_cast<size_t>(shape.bsdf)]) &&
+        mesh.texcoords.size() != mesh.positions.size())
+        throw InputError(name_of(scene, shape) + ": its material has a texture, but there are " +
+                         std::to_string(mesh.texcoords.size()) + " texture coordinates for " +
+                         std::to_string(mesh.positions.size()) + " vertices");
+    MeshReader reader(scene, place, data, kept, workers);
+    const size_t first = kept;
+    const int normals =
+        mesh.normals.empty() ? -1 : static_cast<int>(data.normals.size() / NORMALS_ROWS);
+    kept += reader.read();
+    if (!tables) return kept;
+    write_rows(scene, place, reader, data, first, kept, lights.size(), workers);
+    for (size_t i = first; i < kept && emits(shape); ++i)
+        lights.push_back(
+            light_of_triangle(data.corners[i], shape.radiance,
+                              normals < 0 ? -1 : normals + static_cast<int>(i - first)));
+    return kept;
+}
+
 void add_triangles(const Scene& scene, SceneData& data, std::vector<LightSource>& lights,
                    bool tables, Workers& workers) {
     size_t most = 0;
-    for (const Shape& shape : scene.shapes) most += shape.mesh.triangles.size();
+    for (const Shape* shape : data.shapes) most += shape->mesh.triangles.size();
+    for (const GroupData& group : data.groups)
+        for (const Shape& part : group.group->shapes) most += part.mesh.triangles.size();
     if (most > kMaxPrimitives)
         throw InputError("scene '" + scene.name + "': " + std::to_string(most) +
                          " triangles, at most " + std::to_string(kMaxPrimitives));
     data.corners = Block<Corners>(most);
     size_t kept = 0;
-    for (const Shape& shape : scene.shapes) {
-        if (shape.type != Shape::Type::kMesh) continue;
-        if (!data.parts[static_cast<size_t>(&shape - scene.shapes.data())].empty()) continue;
-        const Mesh& mesh = shape.mesh;
-        if (!mesh.normals.empty() && mesh.normals.size() != mesh.positions.size())
-            throw InputError(name_of(scene, shape) + ": " + std::to_string(mesh.normals.size()) +
-                             " normals for " + std::to_string(mesh.positions.size()) + " vertices");
-        if (has_texture(scene.bsdfs[static_cast<size_t>(shape.bsdf)]) &&
-            mesh.texcoords.size() != mesh.positions.size())
-            throw InputError(name_of(scene, shape) +
-                             ": its material has a texture, but there are " +
-                             std::to_string(mesh.texcoords.size()) + " texture coordinates for " +
-                             std::to_string(mesh.positions.size()) + " vertices");
-        MeshReader reader(scene, shape, data, kept, workers);
-        const size_t first = kept;
-        const int normals =
-            mesh.normals.empty() ? -1 : static_cast<int>(data.normals.size() / NORMALS_ROWS);
-        kept += reader.read();
-        if (!tables) continue;
-        write_rows(scene, shape, reader, data, first, kept, lights.size(), workers);
-        for (size_t i = first; i < kept && emits(shape); ++i)
-            lights.push_back(
-                light_of_triangle(data.corners[i], shape.radiance,
-                                  normals < 0 ? -1 : normals + static_cast<int>(i - first)));
+    for (size_t i = 0; i < data.shapes.size(); ++i) {
+        const Shape& shape = *data.shapes[i];
+        if (shape.type != Shape::Type::kMesh || !data.parts[i].empty()) continue;
+        const Place place{&shape, static_cast<int>(object_of(scene, shape)), shape.part,
+                          &data.bounds};
+        kept = add_mesh(scene, place, data, lights, tables, kept, workers);
+    }
+    data.own_triangles = kept;
+    for (GroupData& group : data.groups) {
+        group.first = kept;
+        const std::vector<Shape>& parts = group.group->shapes;
+        for (size_t i = 0; i < parts.size(); ++i) {
+            if (parts[i].type != Shape::Type::kMesh) continue;
+            const Place place{&parts[i], -1, static_cast<int>(i), &group.bounds};
+            kept = add_mesh(scene, place, data, lights, tables, kept, workers);
+        }
+        group.count = kept - group.first;
     }
     data.corners.shorten(kept);
 }

@@ -18,7 +18,7 @@
 namespace pave {
 namespace {
 
-constexpr size_t kMaxTriangles = size_t{1} << 27;
+constexpr size_t kMaxTriangles = size_t{1} << 27, kMaxPlacements = size_t{1} << 22;
 
 // ---- Bytes between the two processes; lengths are checked, for the other side may have gone wrong
 // ----
@@ -81,6 +81,7 @@ std::string pack(const ImportedFile& file) {
     Packer packer;
     packer.put(file.materials);
     packer.put(file.mesh_materials);
+    packer.put(file.placements);
     for (const Mesh& mesh : file.meshes) {
         packer.put(mesh.positions);
         packer.put(mesh.normals);
@@ -98,6 +99,7 @@ ImportedFile unpack(std::string_view bytes) {
     ImportedFile file;
     file.materials = unpacker.values<ImportedMaterial>();
     file.mesh_materials = unpacker.values<int32_t>();
+    file.placements = unpacker.values<ImportedPlacement>();
     for (size_t i = 0; i < file.mesh_materials.size(); ++i) {
         Mesh mesh;
         mesh.positions = unpacker.values<std::array<float, 3>>();
@@ -127,6 +129,7 @@ class AssimpReader {
             if (triangles > kMaxTriangles) throw std::runtime_error("has too many triangles");
             add_mesh(*scene_.mMeshes[i]);
         }
+        if (scene_.mRootNode != nullptr) add_node(*scene_.mRootNode, aiMatrix4x4t<double>());
         file_.light_count = static_cast<int32_t>(scene_.mNumLights);
         return std::move(file_);
     }
@@ -199,25 +202,43 @@ class AssimpReader {
             if (face.mNumIndices == 3)
                 to.triangles.push_back({face.mIndices[0], face.mIndices[1], face.mIndices[2]});
         }
+        meshes_.push_back(to.triangles.empty() ? -1 : static_cast<int32_t>(file_.meshes.size()));
         if (to.triangles.empty()) return;  // points and lines
         file_.meshes.push_back(std::move(to));
         file_.mesh_materials.push_back(static_cast<int32_t>(from.mMaterialIndex));
+    }
+
+    void add_node(const aiNode& node, const aiMatrix4x4t<double>& world_from_parent) {
+        const aiMatrix4x4t<double> m =
+            world_from_parent * aiMatrix4x4t<double>(node.mTransformation);
+        for (unsigned i = 0; i < node.mNumMeshes; ++i) {
+            const int32_t mesh = meshes_.at(node.mMeshes[i]);
+            if (mesh < 0) continue;
+            if (file_.placements.size() == kMaxPlacements)
+                throw std::runtime_error("has too many nodes with meshes");
+            file_.placements.push_back(
+                {{m.a1, m.a2, m.a3, m.a4, m.b1, m.b2, m.b3, m.b4, m.c1, m.c2, m.c3, m.c4},
+                 mesh,
+                 0});
+        }
+        for (unsigned i = 0; i < node.mNumChildren; ++i) add_node(*node.mChildren[i], m);
     }
 
     const aiScene& scene_;
     bool is_gltf_;
     ImportedFile file_;
     std::map<std::string, int> images_;
+    std::vector<int32_t> meshes_;  // into the file's; -1: left out
 };
 
 std::string read_and_pack(const std::filesystem::path& path) {
     Assimp::Importer importer;
     importer.SetPropertyInteger(AI_CONFIG_PP_SBP_REMOVE,
                                 aiPrimitiveType_POINT | aiPrimitiveType_LINE);
-    const aiScene* scene = importer.ReadFile(
-        path.string(), aiProcess_Triangulate | aiProcess_JoinIdenticalVertices |
-                           aiProcess_GenSmoothNormals | aiProcess_SortByPType |
-                           aiProcess_ValidateDataStructure | aiProcess_PreTransformVertices);
+    const aiScene* scene =
+        importer.ReadFile(path.string(), aiProcess_Triangulate | aiProcess_JoinIdenticalVertices |
+                                             aiProcess_GenSmoothNormals | aiProcess_SortByPType |
+                                             aiProcess_ValidateDataStructure);
     if (scene == nullptr) {
         std::string reason = importer.GetErrorString();
         for (char& c : reason)

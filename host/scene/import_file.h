@@ -17,17 +17,24 @@ struct ImportedMaterial {
     int32_t wrap = 0;    // Texture::Wrap
 };
 
+/// A mesh where a node puts it.
+struct ImportedPlacement {
+    std::array<double, 12> world_from_mesh;  // three rows of four
+    int32_t mesh, spare;
+};
+
 struct ImportedFile {
     std::vector<ImportedMaterial> materials;
-    std::vector<Mesh> meshes;              // in world space
-    std::vector<int32_t> mesh_materials;   // one a mesh
+    std::vector<Mesh> meshes;             // each in its own space
+    std::vector<int32_t> mesh_materials;  // one a mesh
+    std::vector<ImportedPlacement> placements;
     std::vector<std::string> images;       // a PNG or JPEG file's bytes
     std::vector<std::string> image_paths;  // or, where those are empty, its place beside the file
     int32_t light_count = 0;               // lights that are no surface
 };
 
 /// Reads the file in a process of its own: importers have open faults, and models come from
-/// anywhere. Node transforms are applied. Throws InputError naming the file.
+/// anywhere. Throws InputError naming the file.
 ImportedFile import_file(const std::filesystem::path& path);
 
 }  // namespace pave

@@ -7,6 +7,7 @@
 #include <limits>
 #include <numbers>
 
+#include "host/scene/bounds.h"
 #include "host/scene/image.h"
 #include "host/scene/import_file.h"
 #include "host/scene/mesh.h"
@@ -36,13 +37,16 @@ class ModelReader {
         for (size_t i = 0; i < file.images.size(); ++i) add_image(file, i);
         for (const ImportedMaterial& material : file.materials) add_material(material);
         if (file.materials.empty()) scene_.bsdfs.emplace_back();
-        for (size_t i = 0; i < file.meshes.size(); ++i) add_mesh(file, i);
+        const std::vector<std::vector<Affine>> places = places_of(file);
+        for (size_t i = 0; i < file.meshes.size(); ++i) add_mesh(file, i, places[i]);
         if (scene_.shapes.empty()) fail("has no triangle with an area");
         if (file.light_count > 0) warn("lights that are no surface are left out");
         const bool is_lit = std::any_of(scene_.shapes.begin(), scene_.shapes.end(),
                                         [](const Shape& shape) { return shape.is_emitter; });
         scene_.has_environment = !is_lit;
         if (!is_lit) scene_.environment = {1, 1, 1};
+        if (!bounds_.in_range()) fail("reaches beyond 1e12");
+        set_bounds(scene_, bounds_);
         set_view();
         scene_.spp = kSpp;
         scene_.max_depth = kMaxDepth;
@@ -130,39 +134,100 @@ class ModelReader {
         scene_.bsdfs.push_back(to);
     }
 
-    void add_mesh(ImportedFile& file, size_t i) {
+    /// The mesh where its nodes put it. One that several nodes share becomes a group, unless it
+    /// emits.
+    void add_mesh(ImportedFile& file, size_t i, const std::vector<Affine>& places) {
         Shape shape;
         shape.type = Shape::Type::kMesh;
         shape.mesh = std::move(file.meshes[i]);
         check(shape.mesh);
         hash(shape.mesh);  // buffers may lie in other files
-        try {
-            place_mesh(shape.mesh, {});
-        } catch (const MeshError& error) {
-            warn("mesh " + std::to_string(i) + " is left out: " + error.what());
-            return;
-        }
+        if (places.empty()) return;
         const int32_t material = file.mesh_materials[i];
         if (material < 0 ||
             static_cast<size_t>(material) >= std::max<size_t>(file.materials.size(), 1))
             fail("a material is missing");
         shape.bsdf = material;
-        Bsdf& bsdf = scene_.bsdfs[static_cast<size_t>(material)];
-        if (has_texture(bsdf) && shape.mesh.texcoords.empty()) {
-            warn("an image is left out, its mesh has no texture coordinates");
-            scene_.bsdfs.push_back(bsdf);
-            Bsdf& plain = scene_.bsdfs.back();
-            plain.reflectance_texture = plain.specular_reflectance_texture = -1;
-            shape.bsdf = static_cast<int>(scene_.bsdfs.size()) - 1;
-        }
         if (!file.materials.empty()) {
             Rgb radiance = file.materials[static_cast<size_t>(material)].emission;
             for (float& x : radiance) x = std::isfinite(x) ? std::clamp(x, 0.0f, 1e6f) : 0.0f;
             shape.radiance = radiance;
             shape.is_emitter = radiance != Rgb{0, 0, 0};
         }
-        grow_bounds(shape.mesh);
+        try {
+            if (places.size() == 1 || shape.is_emitter) {
+                for (const Affine& place : places) {
+                    Shape copy = shape;
+                    place_facing(copy.mesh, place);
+                    add_shape(std::move(copy));
+                }
+                return;
+            }
+            place_mesh(shape.mesh, {});
+        } catch (const MeshError& error) {
+            warn("mesh " + std::to_string(i) + " is left out: " + error.what());
+            return;
+        }
+        Bounds bounds;
+        bounds.include(shape.mesh);
+        use_material_of(shape);
+        const int group = static_cast<int>(scene_.groups.size());
+        scene_.groups.push_back({"mesh " + std::to_string(i), {}});
+        scene_.groups.back().shapes.push_back(std::move(shape));
+        for (const Affine& place : places) {
+            Shape instance;
+            instance.type = Shape::Type::kInstance;
+            instance.group = group;
+            instance.world_from_object = place.matrix();
+            bounds_.include_image(place, bounds);
+            scene_.shapes.push_back(std::move(instance));
+        }
+    }
+
+    /// Front stays front: glTF turns the winding where a node mirrors.
+    static void place_facing(Mesh& mesh, const Affine& place) {
+        if (place.determinant() < 0)
+            for (auto& triangle : mesh.triangles) std::swap(triangle[1], triangle[2]);
+        place_mesh(mesh, {.world_from_object = place});
+    }
+
+    void add_shape(Shape shape) {
+        use_material_of(shape);
+        bounds_.include(shape.mesh);
         scene_.shapes.push_back(std::move(shape));
+    }
+
+    /// Without its image where the mesh has no texture coordinates.
+    void use_material_of(Shape& shape) {
+        const Bsdf& bsdf = scene_.bsdfs[static_cast<size_t>(shape.bsdf)];
+        if (!has_texture(bsdf) || !shape.mesh.texcoords.empty()) return;
+        warn("an image is left out, its mesh has no texture coordinates");
+        Bsdf plain = bsdf;
+        plain.reflectance_texture = plain.specular_reflectance_texture = -1;
+        scene_.bsdfs.push_back(plain);
+        shape.bsdf = static_cast<int>(scene_.bsdfs.size()) - 1;
+    }
+
+    /// By mesh, where its nodes put it; nodes that flatten it or are out of range are left out.
+    std::vector<std::vector<Affine>> places_of(const ImportedFile& file) {
+        std::vector<std::vector<Affine>> places(file.meshes.size());
+        for (const ImportedPlacement& placement : file.placements) {
+            if (placement.mesh < 0 || static_cast<size_t>(placement.mesh) >= places.size())
+                fail("a mesh is missing");
+            Affine map;
+            for (size_t row = 0; row < 3; ++row) {
+                const double* m = placement.world_from_mesh.data() + 4 * row;
+                map.linear[row] = {m[0], m[1], m[2]};
+                map.offset[row] = m[3];
+            }
+            if (can_place(map))
+                places[static_cast<size_t>(placement.mesh)].push_back(map);
+            else
+                warn("a node is left out: its transform is singular or out of range");
+            hasher_.update({reinterpret_cast<const char*>(placement.world_from_mesh.data()),
+                            sizeof placement.world_from_mesh});
+        }
+        return places;
     }
 
     void check(const Mesh& mesh) const {
@@ -189,20 +254,6 @@ class ModelReader {
         add(mesh.triangles);
     }
 
-    void grow_bounds(const Mesh& mesh) {
-        if (scene_.shapes.empty()) {
-            scene_.bounds_min.fill(std::numeric_limits<float>::infinity());
-            scene_.bounds_max.fill(-std::numeric_limits<float>::infinity());
-        }
-        for (const auto& triangle : mesh.triangles)
-            for (const uint32_t vertex : triangle)
-                for (size_t a = 0; a < 3; ++a) {
-                    const float x = mesh.positions[vertex][a];
-                    scene_.bounds_min[a] = std::min(scene_.bounds_min[a], x);
-                    scene_.bounds_max[a] = std::max(scene_.bounds_max[a], x);
-                }
-    }
-
     /// From the front, a little from the right and above (+y is up): the sphere around the bounds
     /// just fits.
     void set_view() {
@@ -225,6 +276,7 @@ class ModelReader {
     Hasher& hasher_;
     Scene scene_;
     std::vector<Image> images_;
+    Bounds bounds_;
 };
 
 }  // namespace

@@ -34,6 +34,9 @@ class SceneReader {
             if (node.attribute("id")) bsdfs_.declare(node);
         for (const pugi::xml_node node : file_.root().children("texture"))
             if (node.attribute("id")) textures_.declare(node);
+        for (const pugi::xml_node node : file_.root().children("shape"))
+            if (file_.attribute(node, "type") == "shapegroup") shapes_.declare_group(node);
+        shapes_.read_groups();
         for (const pugi::xml_node node : file_.root().children()) read_child(node);
         bsdfs_.read_declared();
         textures_.read_declared();

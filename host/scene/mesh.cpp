@@ -10,8 +10,6 @@
 namespace pave {
 namespace {
 
-constexpr double kMaxCoordinate = 1e12;  // as for transforms: squares stay finite in float32
-
 using Float3 = std::array<float, 3>;
 
 Double3 widen(const Float3& v) { return {v[0], v[1], v[2]}; }

@@ -20,6 +20,7 @@ constexpr size_t kMaxMeshByteSize = size_t{1} << 30;
 constexpr double kUniformTolerance =
     1e-4;  // relative; digits that files write are coarser than float32's
 
+constexpr const char *kGroup = "shapegroup", *kInstance = "instance";
 const std::map<std::string, Shape::Type> kTypes{{"rectangle", Shape::Type::kRectangle},
                                                 {"cube", Shape::Type::kCube},
                                                 {"sphere", Shape::Type::kSphere},
@@ -54,8 +55,17 @@ double surface_area(const Shape& shape, const Affine& map) {
             return std::numbers::pi * xy;
         case Shape::Type::kMesh:
             return mesh_area(shape.mesh);
+        case Shape::Type::kInstance:
+            break;
     }
     return 0;
+}
+
+void include(Bounds& bounds, const Shape& shape, const Affine& to_world) {
+    if (shape.type == Shape::Type::kMesh) return bounds.include(shape.mesh);
+    const bool is_flat = shape.type == Shape::Type::kRectangle || shape.type == Shape::Type::kDisk;
+    const bool is_round = shape.type == Shape::Type::kSphere || shape.type == Shape::Type::kDisk;
+    bounds.include_image(to_world, {0, 0, 0}, {1, 1, is_flat ? 0.0 : 1.0}, is_round);
 }
 
 }  // namespace
@@ -79,18 +89,102 @@ std::string read_file(const std::filesystem::path& path, size_t max_byte_size) {
     return bytes;
 }
 
+void ShapeReader::declare_group(pugi::xml_node node) {
+    const std::string id = file_.attribute(node, "id");
+    if (id.empty()) file_.fail(node, "needs an id, by which instances refer to it");
+    const int index = static_cast<int>(groups_.size());
+    if (!groups_.emplace(id, Group{node, index, {}}).second)
+        file_.fail(node, "id " + quote(id) + " is given twice");
+}
+
+void ShapeReader::read_groups() {
+    scene_.groups.resize(groups_.size());
+    std::vector<Group*> in_order(groups_.size());
+    for (auto& [id, group] : groups_) in_order[static_cast<size_t>(group.index)] = &group;
+    for (Group* group : in_order) {
+        Properties properties(file_, group->node);
+        scene_.groups[static_cast<size_t>(group->index)].id = properties.id();
+        const std::vector<pugi::xml_node> parts = properties.take_objects("shape");
+        properties.finish();
+        if (parts.empty()) file_.fail(group->node, "a shapegroup needs shapes inside");
+        for (const pugi::xml_node part : parts) read_part(part, *group);
+    }
+}
+
+void ShapeReader::read_part(pugi::xml_node node, Group& group) {
+    const std::string type = file_.attribute(node, "type");
+    if (type == kGroup || type == kInstance)
+        file_.fail(node, "a shapegroup cannot hold another one, nor instances");
+    if (const pugi::xml_node emitter = node.child("emitter"))
+        file_.fail(emitter, "a shape of a shapegroup cannot be an emitter");
+    Shape shape;
+    if (!read(node, shape, group.bounds)) return;
+    scene_.groups[static_cast<size_t>(group.index)].shapes.push_back(std::move(shape));
+}
+
+const ShapeReader::Group& ShapeReader::group_of(Properties& instance) {
+    if (const auto inside = instance.take_objects("shape"); !inside.empty())
+        file_.fail(inside[0], "stands in an instance: give the shapegroup an id and a <ref> to it");
+    const std::vector<pugi::xml_node> refs = instance.take_objects("ref");
+    if (refs.size() != 1)
+        file_.fail(refs.empty() ? instance.node() : refs[1],
+                   "an instance needs one <ref id=\"...\"> to a shapegroup");
+    file_.check_attributes(refs[0], {"id"}, {"name"});
+    const std::string id = file_.attribute(refs[0], "id");
+    const auto group = groups_.find(id);
+    if (group != groups_.end()) return group->second;
+    std::vector<std::string> ids;
+    for (const auto& entry : groups_) ids.push_back(entry.first);
+    file_.fail(refs[0],
+               "no shapegroup of the scene has the id " + quote(id) + did_you_mean(id, ids));
+}
+
+void ShapeReader::add_instance(pugi::xml_node node) {
+    Properties properties(file_, node);
+    Shape shape;
+    shape.type = Shape::Type::kInstance;
+    shape.id = properties.id();
+    const Group& group = group_of(properties);
+    const Affine to_world = read_to_world(properties);
+    properties.finish();
+    shape.group = group.index;
+    shape.world_from_object = to_world.matrix();
+    for (const Shape& part : scene_.groups[static_cast<size_t>(group.index)].shapes)
+        if (part.type == Shape::Type::kSphere && !is_orthogonal(to_world, 3, true))
+            file_.fail(node,
+                       "its shapegroup has a sphere, which can only be scaled by the same "
+                       "factor in x, y and z");
+    if (!group.bounds.empty()) {
+        bounds_.include_image(to_world, group.bounds);
+        set_bounds(scene_, bounds_);
+    }
+    if (!can_place(to_world) || !(group.bounds.empty() || bounds_.in_range()))
+        file_.fail(node, "its transform scales by less than 1e-10 or leads beyond 1e12");
+    scene_.shapes.push_back(std::move(shape));
+}
+
 void ShapeReader::add(pugi::xml_node node) {
+    const std::string type = file_.attribute(node, "type");
+    if (type == kGroup) return;
+    if (type == kInstance) return add_instance(node);
+    Shape shape;
+    if (!read(node, shape, bounds_)) return;
+    set_bounds(scene_, bounds_);
+    scene_.shapes.push_back(std::move(shape));
+}
+
+bool ShapeReader::read(pugi::xml_node node, Shape& shape, Bounds& bounds) {
     Properties properties(file_, node);
     const auto type = kTypes.find(properties.type());
     if (type == kTypes.end()) {
-        std::vector<std::string> names;
+        std::vector<std::string> names{kGroup, kInstance};
         for (const auto& entry : kTypes) names.push_back(entry.first);
+        std::sort(names.begin(), names.end());
         file_.unsupported(node, "this shape is not supported" +
                                     did_you_mean(properties.type(), names) + "; there are " +
                                     join(names));
-        return;
+        return false;
     }
-    Shape shape;
     shape.type = type->second;
     shape.id = properties.id();
     shape.flip_normals = properties.boolean("flip_normals", false);
@@ -115,8 +209,8 @@ void ShapeReader::add(pugi::xml_node node) {
     properties.finish();
     check_material(properties, shape);
     check_area(properties, shape, to_world);
-    grow_bounds(shape, to_world);
-    scene_.shapes.push_back(std::move(shape));
+    include(bounds, shape, to_world);
+    return true;
 }
 
 void ShapeReader::read_emitter(Properties& properties, Shape& shape) {
@@ -188,40 +282,6 @@ void ShapeReader::check_area(const Properties& properties, const Shape& shape,
     const double area = surface_area(shape, to_world);
     if (shape.is_emitter && !(area >= static_cast<double>(std::numeric_limits<float>::min())))
         file_.fail(properties.node(), "the emitter has no area");
-}
-
-void ShapeReader::include(const Double3& low, const Double3& high) {
-    for (size_t i = 0; i < 3; ++i) {
-        scene_.bounds_min[i] = std::min(scene_.bounds_min[i], static_cast<float>(low[i]));
-        scene_.bounds_max[i] = std::max(scene_.bounds_max[i], static_cast<float>(high[i]));
-    }
-}
-
-void ShapeReader::grow_bounds(const Shape& shape, const Affine& to_world) {
-    if (scene_.shapes.empty()) {
-        scene_.bounds_min.fill(std::numeric_limits<float>::infinity());
-        scene_.bounds_max.fill(-std::numeric_limits<float>::infinity());
-    }
-    if (shape.type == Shape::Type::kMesh) {
-        for (const std::array<uint32_t, 3>& triangle : shape.mesh.triangles)
-            for (const uint32_t vertex : triangle) {
-                const std::array<float, 3>& p = shape.mesh.positions[vertex];
-                include({p[0], p[1], p[2]}, {p[0], p[1], p[2]});
-            }
-        return;
-    }
-    // Half-extent along each axis of the image of a box (sum of the columns' parts) or of a ball
-    // (their root of squares).
-    const bool is_flat = shape.type == Shape::Type::kRectangle || shape.type == Shape::Type::kDisk;
-    const bool is_round = shape.type == Shape::Type::kSphere || shape.type == Shape::Type::kDisk;
-    Double3 half{};
-    for (size_t axis = 0; axis < 3; ++axis) {
-        const Double3& row = to_world.linear[axis];
-        const double z = is_flat ? 0 : row[2];
-        half[axis] = is_round ? length({row[0], row[1], z})
-                              : std::abs(row[0]) + std::abs(row[1]) + std::abs(z);
-    }
-    include(to_world.offset - half, to_world.offset + half);
 }
 
 }  // namespace pave

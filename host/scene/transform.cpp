@@ -13,7 +13,7 @@ namespace {
 
 // Columns nearer than this to a common plane make distances lose all digits of float32.
 constexpr double kMinIndependence = 1e-6;
-constexpr double kMaxCoordinate = 1e12;  // squares and cubes stay finite in float32
+constexpr double kLeastScale = 1e-10;  // of instances
 
 double read_number(SceneFile& file, pugi::xml_node node, std::string_view words) {
     const std::optional<double> number = parse_number(words);
@@ -203,6 +203,16 @@ Affine scaling(const Double3& factors) {
     Affine result;
     for (size_t i = 0; i < 3; ++i) result.linear[i][i] = factors[i];
     return result;
+}
+
+bool can_place(const Affine& map) {
+    for (size_t i = 0; i < 3; ++i) {
+        const double scale = length(map.column(i));
+        if (!(scale > kLeastScale && scale <= kMaxCoordinate) ||
+            !(std::abs(map.offset[i]) <= kMaxCoordinate))
+            return false;
+    }
+    return map.independence() > kMinIndependence;
 }
 
 Affine read_affine(Properties& properties, const std::string& name) {

@@ -11,6 +11,8 @@ namespace pave {
 
 using Double3 = std::array<double, 3>;
 
+inline constexpr double kMaxCoordinate = 1e12;  // squares and cubes stay finite in float32
+
 Double3 operator-(const Double3& a, const Double3& b);
 Double3 operator+(const Double3& a, const Double3& b);
 Double3 operator*(double s, const Double3& a);
@@ -41,6 +43,8 @@ struct Affine {
 Affine compose(const Affine& outer, const Affine& inner);
 Affine translation(const Double3& offset);
 Affine scaling(const Double3& factors);
+/// Whether an instance can lie so: the map and its inverse are in range, and it flattens nothing.
+bool can_place(const Affine& map);
 
 /// The object's <transform> called `name`, identity if it has none. Fails on singular, projective
 /// and non-finite maps.

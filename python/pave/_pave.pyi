@@ -279,7 +279,7 @@ def load_scene(
 def hemisphere_views(scene: Scene, count: int, seed: int) -> list[View]: ...
 
 class Renderer:
-    def __init__(self, device: Device, scene: Scene) -> None: ...
+    def __init__(self, device: Device, scene: Scene, copied_triangles: int) -> None: ...
     def render(
         self,
         view: View,
@@ -326,7 +326,7 @@ class RayTracer:
         rays: Annotated[
             NDArray[numpy.float32], dict(shape=(None, 8), order="C", device="cpu", writable=False)
         ],
-        hits: Annotated[NDArray[numpy.float32], dict(shape=(None, 5), order="C", device="cpu")],
+        hits: Annotated[NDArray[numpy.float32], dict(shape=(None, 6), order="C", device="cpu")],
     ) -> None: ...
     def trace_any(
         self,

@@ -22,7 +22,16 @@ if TYPE_CHECKING:
 
 # Records as the kernels read and write them; pave::Ray and pave::Hit in pave/rays.h.
 RAY = np.dtype([("origin", "<f4", 3), ("t_max", "<f4"), ("direction", "<f4", 3), ("spare", "<f4")])
-HIT = np.dtype([("t", "<f4"), ("shape", "<i4"), ("primitive", "<i4"), ("b1", "<f4"), ("b2", "<f4")])
+HIT = np.dtype(
+    [
+        ("t", "<f4"),
+        ("shape", "<i4"),
+        ("part", "<i4"),
+        ("primitive", "<i4"),
+        ("b1", "<f4"),
+        ("b2", "<f4"),
+    ]
+)
 
 
 def make_rays(origins: Any, directions: Any, t_max: Any = np.inf) -> np.ndarray:
@@ -60,7 +69,8 @@ class RayTracer:
 
     def trace_closest(self, rays: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """What each ray meets first, as records (dtype `pave.rays.HIT`): t (inf: nothing), shape
-        (-1: nothing), primitive, and the weights b1 and b2 of a triangle's second and third vertex.
+        (-1: nothing), part (of an instance: which of its group's shapes; else -1), primitive, and
+        the weights b1 and b2 of a triangle's second and third vertex.
 
         `rays` has dtype `pave.rays.RAY`, or is float32 (n, 8) of the same bytes; `out` takes the
         hits in place. Blocks; the interpreter lock is free. On CPU devices the kernels work in the
@@ -72,7 +82,7 @@ class RayTracer:
         _check_room(len(records), hits)
         with self._lock:
             self._tracer.trace_closest(
-                records.view(np.float32).reshape(-1, 8), hits.view(np.float32).reshape(-1, 5)
+                records.view(np.float32).reshape(-1, 8), hits.view(np.float32).reshape(-1, 6)
             )
         return hits
 

@@ -198,12 +198,18 @@ def _count_transfers(raw: _pave.Device, frame: Frame, channels: int) -> None:
 class Renderer:
     """A scene on a device, with the kernels specialised for it. Threads take turns; renderers are
     independent.
+
+    Groups are copied to the places of their instances, the smallest first, as long as the copies
+    have no more than `copied_triangles` in all, and always where they are placed once: that is
+    faster and takes more memory. -1 copies none.
     """
 
-    def __init__(self, device: Device, scene: Scene) -> None:
+    def __init__(self, device: Device, scene: Scene, copied_triangles: int = 1 << 18) -> None:
         self.device: Device = device
         self.scene: Scene = scene
-        self._renderer = _pave.Renderer(raw_device(device), scene._scene)
+        self._renderer = _pave.Renderer(
+            raw_device(device), scene._scene, whole("copied_triangles", copied_triangles, -1)
+        )
         self._turns = _OneAtATime("render")
 
     def render(

@@ -64,6 +64,7 @@ RECIPES = {
         Recipe("many-lights", 64, 48, runs=32, spp=512),
         Recipe("textures", 64, 48, runs=48, spp=512),
         Recipe("envmap", 64, 48, runs=48, spp=1024),
+        Recipe("instances", 64, 48, runs=48, spp=512),
     )
 }
 

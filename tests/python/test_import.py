@@ -16,6 +16,7 @@ import pytest
 from PIL import Image
 
 import pave
+from pave.rays import make_rays
 
 DEVICE = os.environ.get("PAVE_DEVICE", "cpu")
 SQUARE = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]
@@ -28,8 +29,10 @@ def png(colours: list[list[tuple[int, int, int]]]) -> bytes:
     return stream.getvalue()
 
 
-def glb(material: dict, image: bytes | None = None, node: dict | None = None) -> bytes:
-    """A square of one material under one node."""
+def glb(
+    material: dict, image: bytes | None = None, node: dict | None = None, more: tuple = ()
+) -> bytes:
+    """A square of one material under one node, and under `more` of them."""
     parts = [
         struct.pack("<12f", *(x for p in SQUARE for x in p)),
         struct.pack("<8f", *(x for p in UV for x in p)),
@@ -45,8 +48,8 @@ def glb(material: dict, image: bytes | None = None, node: dict | None = None) ->
     document = {
         "asset": {"version": "2.0"},
         "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0, **(node or {})}],
+        "scenes": [{"nodes": list(range(1 + len(more)))}],
+        "nodes": [{"mesh": 0, **other} for other in (node or {}, *more)],
         "meshes": [
             {
                 "primitives": [
@@ -107,6 +110,37 @@ def test_glb_has_its_colour_and_nodes(tmp_path):
     scene = pave.load_scene(path)
     assert np.allclose(scene.bounds_min, (1, 3, 5))
     assert np.allclose(scene.bounds_max, (5, 5, 5))
+
+
+def test_a_mesh_of_several_nodes_is_there_once(tmp_path):
+    path = tmp_path / "square.glb"
+    far = {"translation": [0, 0, -3], "scale": [5, 5, 1]}
+    mirrored = {"translation": [0.5, 0, 1], "scale": [-0.25, 0.5, 1]}
+    material = rough(baseColorFactor=[0.2, 0.5, 0.8, 1])
+    path.write_bytes(glb(material, node=far, more=(mirrored, {"translation": [-9, 0, 0]})))
+    scene = pave.load_scene(path)
+    assert scene.shape_count == 3
+    assert np.allclose(scene.bounds_min, (-10, -5, -3))
+    assert np.allclose(scene.bounds_max, (5, 5, 1))
+    device = pave.Device(DEVICE)
+    image = front_view(path, channels=("albedo", "object", "normal"))
+    assert np.allclose(image["albedo"], (0.2, 0.5, 0.8), atol=1e-5)
+    assert np.allclose(image["normal"], (0, 0, 1), atol=1e-5), "front stays front"
+    assert image["object"][8, 11, 0] == 1
+    assert image["object"][0, 0, 0] == 0
+    for lanes in (1, 16):
+        hits = pave.RayTracer(device, scene, lanes).trace_closest(
+            make_rays([[0.6, 0.2, 9], [0, 0.7, 9], [-9, 0, 9], [0, 9, 9]], [[0, 0, -1]])
+        )
+        assert hits["shape"].tolist() == [1, 0, 2, -1]
+        assert hits["part"].tolist() == [0, 0, 0, -1]
+        assert hits["t"][:3].tolist() == [8, 12, 9]
+    # A light is no group's: it is there once a node, and shines to its front (and, a little, from
+    # one square by the other's back).
+    path.write_bytes(glb({**rough(), "emissiveFactor": [1, 1, 1]}, node=far, more=(mirrored,)))
+    colour = front_view(path)["color"]
+    assert colour.min() > 1 - 1e-5
+    assert np.allclose(colour[8, 11], 1, atol=1e-5)
 
 
 def test_glb_image_is_the_right_way_up(tmp_path):

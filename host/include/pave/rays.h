@@ -28,14 +28,16 @@ struct Ray {
 struct Hit {
     float t = std::numeric_limits<float>::infinity();  // infinite: nothing
     int32_t shape = -1;                                // into Scene::shapes; -1: nothing
+    int32_t part = -1;       // of an instance: into its group's shapes; else -1
     int32_t primitive = -1;  // triangle of a mesh as the scene has them, face of a cube (low x,
                              // high x, low y, high y, low z, high z), else 0
     float b1 = 0, b2 = 0;    // weights of a triangle's second and third vertex
 };
 
 struct RayTracerOptions {
-    int lane_width = 0;         // 1, 4, 8, 16: forces kernels of that width; 0 chooses
-    int broadcast_shapes = 64;  // as RendererPaths::broadcast_shapes
+    int lane_width = 0;              // 1, 4, 8, 16: forces kernels of that width; 0 chooses
+    int broadcast_shapes = 64;       // as RendererPaths::broadcast_shapes
+    int copied_triangles = 1 << 18;  // as RendererPaths::copied_triangles
     TreeTurns tree_turns = TreeTurns::kAuto;
     bool specialise = true;  // as RendererPaths::specialise
     int segment = 0;         // rays a work-item, a multiple of the lanes; 0 chooses. Changes no

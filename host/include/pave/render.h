@@ -47,6 +47,10 @@ struct RendererPaths {
     bool cull_occluders = true;  // shapes on the scene's hull are left out of shadow tests
     bool recognise_shapes = true;  // meshes made of rectangles and boxes are traced as such
     TreeTurns tree_turns = TreeTurns::kAuto;
+    // Groups are copied to the places of their instances, the smallest first, as long as the copies
+    // have no more triangles than this in all, and always where they are placed once: such a scene
+    // is traced 1.3 to 2.5 times as fast. -1: none is.
+    int copied_triangles = 1 << 18;
     bool specialise = true;  // programs for this scene's features only, not for any scene
 };
 

@@ -88,7 +88,7 @@ struct Mesh {
 /// and scaled evenly, never mirrored. Normals go by the inverse transpose, so a mirrored cube's
 /// point outwards still.
 struct Shape {
-    enum class Type : int { kRectangle, kCube, kSphere, kDisk, kMesh };
+    enum class Type : int { kRectangle, kCube, kSphere, kDisk, kMesh, kInstance };
     Type type = Type::kRectangle;
     std::string id{};
     Matrix4 world_from_object{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
@@ -96,10 +96,21 @@ struct Shape {
     bool flip_normals =
         false;  // the normal points the other way; never set for meshes, whose data are turned
     int object = -1;  // what channel `object` shows; -1: its place in Scene::shapes
+    int part = -1;    // what Hit::part names; the renderer sets it for shapes of groups
+    int group = -1;   // kInstance only: into Scene::groups
     bool is_emitter = false;
     Rgb radiance{0, 0, 0};  // area emitter, from the side that the normal points to
     Mesh mesh;  // kMesh only, in world space, every triangle with an area; world_from_object is
                 // identity
+};
+
+/// Shapes that are seen only where instances place them. Their transforms and meshes lead to the
+/// group's own space; an instance's world_from_object, regular and otherwise any, leads from there
+/// to the world. Normals go by the inverse transpose, so what is in front stays in front. No
+/// emitters, no instances; spheres only where instances scale them evenly.
+struct ShapeGroup {
+    std::string id{};
+    std::vector<Shape> shapes{};
 };
 
 struct Scene {
@@ -108,6 +119,7 @@ struct Scene {
                        // image file, in order
     std::vector<Bsdf> bsdfs;
     std::vector<Texture> textures;
+    std::vector<ShapeGroup> groups;
     std::vector<Shape> shapes;
     bool has_environment = false;
     Rgb environment{0, 0, 0};  // constant emitter's radiance; of an image the mean over the sphere

@@ -96,7 +96,7 @@ std::vector<float> SelfTest::light_pdf(std::array<float, 3> at, const Planes& di
                light_cdf_, float4_of(at[0], at[1], at[2]), upload(directions))[0];
 }
 Planes SelfTest::trace(const Planes& rays) {
-    return run("trace_many", 15, rays[0].size(), params_, shapes_, tree_, tables_, upload(rays));
+    return run("trace_many", 16, rays[0].size(), params_, shapes_, tree_, tables_, upload(rays));
 }
 
 /// Upper regularised incomplete gamma function: series below a + 1, Lentz's continued fraction

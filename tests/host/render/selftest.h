@@ -34,8 +34,8 @@ class SelfTest {
     /// wi (3), pdf, radiance (3), end (3).
     Planes sample_light(std::array<float, 3> at, uint32_t seed, size_t count);
     std::vector<float> light_pdf(std::array<float, 3> at, const Planes& directions);
-    /// t, id, b1, b2, position (3), n_geom (3), n_shade (3), offset, any. Rays: origin (3),
-    /// direction (3), t_max, skip bits.
+    /// t, id, b1, b2, position (3), n_geom (3), n_shade (3), offset, any, instance. Rays: origin
+    /// (3), direction (3), t_max, skip and its instance as bits.
     Planes trace(const Planes& rays);
 
    private:

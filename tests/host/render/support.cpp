@@ -152,6 +152,35 @@ Scene outdoors() {
     return scene;
 }
 
+Scene grove() {
+    Scene scene = menagerie();
+    scene.name = "grove";
+    scene.shapes.resize(6);  // the box and its light
+    const int painted = add_diffuse(scene, {1, 1, 1});
+    scene.bsdfs.back().reflectance_texture = 0;
+    const int red = add_diffuse(scene, {0.7f, 0.2f, 0.1f});  // black from behind
+    const int glass = 5;
+    Shape apple = mesh_shape(sphere_mesh(8, {0, 0.8f, 0}, 0.5f, true), painted);
+    for (const auto& p : apple.mesh.positions) apple.mesh.texcoords.push_back({p[0] * 4, p[1] * 4});
+    Shape ball;
+    ball.type = Shape::Type::kSphere;
+    ball.bsdf = glass;
+    ball.world_from_object = translate(0.9f, 0.3f, 0) * scale(0.3f);
+    const int tree =
+                  add_group(scene, {apple, mesh_shape(random_triangles(60, 0.4f, 3), red)}, "tree"),
+              pair =
+                  add_group(scene, {ball, mesh_shape(sphere_mesh(6, {0, 0, 0}, 0.5f, false), red)});
+    const Matrix4 shear{1, 0.6f, 0, 0, 0, 1, 0, 0, 0, 0.3f, 1, 0, 0, 0, 0, 1};
+    add_instance(scene, tree, translate(-0.6f, -0.7f, 0) * scale(0.25f));
+    add_instance(scene, tree,
+                 translate(0, -0.6f, -0.4f) * rotate(1, 130) * scale(0.2f, 0.4f, 0.1f));
+    add_instance(scene, tree, translate(0.6f, -0.6f, 0.1f) * scale(-0.25f, 0.25f, 0.25f));
+    add_instance(scene, tree, translate(0.1f, 0.3f, 0) * shear * rotate(2, 170) * scale(0.2f));
+    add_instance(scene, pair, translate(-0.5f, 0.3f, 0.2f) * rotate(0, 40) * scale(0.3f));
+    add_instance(scene, pair, translate(0.6f, 0.4f, 0.2f) * rotate(2, 40) * scale(-0.3f));
+    return scene;
+}
+
 Frame render(Renderer& renderer, int width, int height, const std::vector<std::string>& channels,
              const RenderOptions& options) {
     Frame frame =

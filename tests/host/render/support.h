@@ -85,6 +85,25 @@ inline Shape& add_mesh(Scene& scene, Mesh mesh, int bsdf) {
     shape.mesh = std::move(mesh);
     return shape;
 }
+inline int add_group(Scene& scene, std::vector<Shape> shapes, std::string id = "group") {
+    scene.groups.push_back({std::move(id), std::move(shapes)});
+    return static_cast<int>(scene.groups.size()) - 1;
+}
+inline Shape mesh_shape(Mesh mesh, int bsdf) {
+    Shape shape;
+    shape.type = Shape::Type::kMesh;
+    shape.bsdf = bsdf;
+    shape.mesh = std::move(mesh);
+    return shape;
+}
+inline Shape& add_instance(Scene& scene, int group, const Matrix4& world_from_group) {
+    Shape& shape = add_shape(scene, Shape::Type::kInstance, world_from_group, 0);
+    shape.group = group;
+    return shape;
+}
+/// Two groups of several materials, each placed a few times in a lit box: turned, stretched,
+/// sheared and mirrored.
+Scene grove();
 /// One shape or material of every kind in a lit box.
 Scene menagerie();
 /// A few things under an image of a sky.

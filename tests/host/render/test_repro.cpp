@@ -236,14 +236,16 @@ const ChildCase kChildCases[] = {
     {"tree", 5, 2, {.spp = 2, .max_depth = 4, .lane_width = 4}, {.broadcast_shapes = 0}},
 };
 
-/// Prints sums over the bits, and the pixels, of three small images; for the tests below, which say
+/// Prints sums over the bits, and the pixels, of four small images; for the tests below, which say
 /// in PAVE_CHILD which case. Without it, a case of no special meaning.
 TEST(Child, PrintsBits) {
     const char* child = std::getenv("PAVE_CHILD");
     const ChildCase& c = kChildCases[child != nullptr ? std::stoi(child) : 1];
     std::printf("units %d\n", device().profile().compute_units);
-    for (const Scene& scene : {cornell(), menagerie(), outdoors()}) {
-        const Frame frame = render(scene, c.width, c.height, kAll, c.options, c.paths);
+    RendererPaths paths = c.paths;
+    paths.copied_triangles = -1;
+    for (const Scene& scene : {cornell(), menagerie(), outdoors(), grove()}) {
+        const Frame frame = render(scene, c.width, c.height, kAll, c.options, paths);
         uint64_t sum = 0;
         for (const std::string& channel : kAll) {
             std::printf("pixels %s %s", scene.name.c_str(), channel.c_str());
@@ -259,7 +261,7 @@ TEST(Child, PrintsBits) {
 
 /// Every kernel of selftest.cl once, on a few items.
 TEST(Child, RunsEveryTestKernel) {
-    SelfTest test(menagerie(), 4);
+    SelfTest test(grove(), 4, {.copied_triangles = -1, .specialise = false});
     test.struct_sizes();
     test.philox(std::vector<std::array<uint32_t, 4>>(16), 1, 2);
     const Planes u = test.philox_units(3, 16);
@@ -269,11 +271,11 @@ TEST(Child, RunsEveryTestKernel) {
     test.eval_bsdf(0, {wo[0], wo[1], wo[2], wo[0], wo[1], wo[2]});
     const Planes wi = test.sample_light({0, 0, 0.5f}, 5, 16);
     test.light_pdf({0, 0, 0.5f}, {wi[0], wi[1], wi[2]});
-    Planes rays = make_planes(8, 16);
+    Planes rays = make_planes(9, 16);
     for (size_t i = 0; i < 16; ++i) {
         for (size_t k = 0; k < 3; ++k) rays[3 + k][i] = wi[k][i];
         rays[6][i] = std::numeric_limits<float>::infinity();
-        rays[7][i] = std::bit_cast<float>(-1);
+        rays[7][i] = rays[8][i] = std::bit_cast<float>(-1);
     }
     test.trace(rays);
 }

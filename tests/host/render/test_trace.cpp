@@ -14,9 +14,10 @@ constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
 struct Rays {
     Planes planes;
-    explicit Rays(size_t count) : planes(make_planes(8, count)) {
+    explicit Rays(size_t count) : planes(make_planes(9, count)) {
         std::fill(planes[6].begin(), planes[6].end(), kInfinity);
-        std::fill(planes[7].begin(), planes[7].end(), std::bit_cast<float>(-1));
+        for (size_t k : {7, 8})
+            std::fill(planes[k].begin(), planes[k].end(), std::bit_cast<float>(-1));
     }
     void set(size_t i, Double3 o, Double3 d) {
         const auto of = to_floats(o), df = to_floats(d);

@@ -133,6 +133,36 @@ TEST_F(LoadScene, SharesOneMaterialAmongShapes) {
     EXPECT_EQ(scene.shapes[2].bsdf, scene.shapes[3].bsdf);
 }
 
+TEST_F(LoadScene, InstancesPlaceGroups) {
+    const Scene scene = load(
+        "<shape type='instance' id='first'><ref name='shapegroup' id='pair'/><transform "
+        "name='to_world'><scale x='-2' y='1' z='1'/><translate x='10'/></transform></shape>"
+        "<shape type='shapegroup' id='unused'><shape type='disk'/></shape>"
+        "<shape type='rectangle'/>"
+        "<shape type='shapegroup' id='pair'><shape type='cube' id='block'><transform "
+        "name='to_world'><translate y='3'/></transform></shape><shape type='rectangle'><ref "
+        "id='red'/></shape></shape>"
+        "<bsdf type='diffuse' id='red'><rgb name='reflectance' value='1 0 0'/></bsdf>"
+        "<shape type='instance'><ref id='pair'/></shape>");
+    ASSERT_EQ(scene.groups.size(), 2u);
+    EXPECT_EQ(scene.groups[1].id, "pair");
+    ASSERT_EQ(scene.groups[1].shapes.size(), 2u);
+    EXPECT_EQ(scene.groups[1].shapes[0].id, "block");
+    EXPECT_EQ(scene.groups[1].shapes[0].world_from_object[7], 3);
+    EXPECT_EQ(scene.bsdfs[static_cast<size_t>(scene.groups[1].shapes[1].bsdf)].reflectance,
+              (Rgb{1, 0, 0}));
+    ASSERT_EQ(scene.shapes.size(), 3u);
+    EXPECT_EQ(scene.shapes[0].type, Shape::Type::kInstance);
+    EXPECT_EQ(scene.shapes[0].id, "first");
+    EXPECT_EQ(scene.shapes[0].group, 1);
+    EXPECT_EQ(scene.shapes[0].world_from_object[0], -2);
+    EXPECT_EQ(scene.shapes[0].world_from_object[3], 10);
+    EXPECT_EQ(scene.shapes[1].type, Shape::Type::kRectangle);
+    EXPECT_EQ(scene.shapes[2].group, 1);
+    EXPECT_EQ(scene.bounds_min, (std::array<float, 3>{-1, -1, -1}));
+    EXPECT_EQ(scene.bounds_max, (std::array<float, 3>{12, 4, 1}));
+}
+
 TEST_F(LoadScene, BoundsHoldEveryShapeTightly) {
     const Scene scene = load(
         "<shape type='sphere'><point name='center' x='1' y='2' z='3'/><float name='radius' "
