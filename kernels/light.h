@@ -13,7 +13,7 @@ typedef struct {
     vec3 p, e1, e2, n;
     vfloat pmf, radius, pdf_area;
     vec3 radiance;
-    vint normals;
+    vint normals;    // triangle that has them, -1: flat
     vfloat largest;  // coordinate, of what the light reaches
 } Light;
 
@@ -178,7 +178,12 @@ static inline vec3 sample_area_light(const Scene* s, const Light* l, vec3 p, vfl
     *pdf = pdf_by_area(l, sub3(on, p), *n);
     *n_side = *n;
 #if PAVE_HAS_TRIANGLE_LIGHT && PAVE_HAS_SMOOTH
-    *n_side = smooth_normal(s, triangle ? l->normals : splat_int(-1), a, b, *n);
+    const vmask smooth = triangle & (l->normals >= 0);
+    if (lane_any(smooth)) {
+        const vint row = (smooth ? l->normals : splat_int(0)) * TRIANGLE_ROWS + 1;
+        const Row r = gather_row(s->tables + s->p->triangle_row, row);
+        *n_side = select3(smooth, smooth_normal(&r, a, b, *n), *n);
+    }
 #endif
 #if PAVE_HAS_SPHERE_LIGHT
     const vmask sphere = l->kind == LIGHT_SPHERE;

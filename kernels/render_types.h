@@ -110,10 +110,8 @@ PAVE_SIZEOF(SphereShape, 32);
 //   { tangent xyz (disk: center), light (int), object (int), part (int), -, - }
 // triangle, 2 rows:
 //   { v0 xyz, BITS, v1 xyz, light (int) }
-//   { v2 xyz, object (int), normals (int, -1: flat), uvs (int, row of them, -1: none), -, - }
-// normals, 2 rows:
-//   { n0 xyz, -, n1 xyz, - }
-//   { n2 xyz, -, -, -, -, - }
+//   { v2 xyz, object (int), normals of v0, v1, v2 (packed; 0: flat), uvs (int, row of them, -1:
+//     none) }
 // bsdf, 3 rows; a colour with a texture is a factor of it:
 //   { albedo rgb, its texture (int, -1: none), alpha_u, alpha_v, eta (inside over outside), - }
 //   { eta rgb, -, k rgb, - }; plastic: { reflectance from inside, share of the specular lobe,
@@ -132,7 +130,7 @@ PAVE_SIZEOF(SphereShape, 32);
 // light, 3 rows:
 //   { p xyz, KIND (int), e1 xyz, pmf }
 //   { e2 xyz, radius, normal xyz, pdf by area (with pmf) }
-//   { radiance or intensity rgb, normals (int, -1: flat), largest coordinate, -, -, - }
+//   { radiance or intensity rgb, triangle that has normals (int, -1: flat), largest coordinate, -, -, - }
 //   quad: p + a*e1 + b*e2, a and b in [0,1]; triangle: p + b1*e1 + b2*e2; disk: p + x*e1 + y*e2;
 //   sphere: center p, radius, +1 or -1 in normal.x for light on its outside or inside; point: p.
 // environment, 3 rows:
@@ -144,7 +142,6 @@ PAVE_SIZEOF(SphereShape, 32);
 // clang-format on
 #define SURFACE_ROWS 2
 #define TRIANGLE_ROWS 2
-#define NORMALS_ROWS 2
 #define BSDF_ROWS 3
 #define LIGHT_ROWS 3
 #define UV_ROWS 2
@@ -261,7 +258,7 @@ PAVE_STRUCT(PathParams) {
 
     // First rows in their buffers.
     PAVE_U32 flat_row, axis_rect_row, axis_cube_row, cube_row, sphere_row;  // shapes
-    PAVE_U32 surface_row, triangle_row, normals_row, bsdf_row, light_row;   // tables
+    PAVE_U32 surface_row, triangle_row, bsdf_row, light_row;                // tables
     PAVE_U32 uv_row, texture_row, environment_row, sobol_row;
     PAVE_U32 leaf_row, instance_row;  // tree; nodes begin at row 0
 };

@@ -108,7 +108,7 @@ static inline void find_uv(const Scene* s, const Hit* hit, Vertex* v) {
     }
 #endif
 #if PAVE_HAS_TRIANGLES
-    const vint uvs = as_vint(cold.s5);
+    const vint uvs = as_vint(cold.s7);
     const vmask mapped = triangle & v->valid & (uvs >= 0);
     if (lane_any(mapped)) {
         const Row t = gather_row(table, mapped ? uvs : splat_int(0));

@@ -47,19 +47,27 @@ static inline vec3 leave_surface(vec3 p, vec3 n_geom, vfloat offset, vec3 w) {
 }
 
 #if PAVE_HAS_SMOOTH
-/// Interpolated vertex normal where `normals` >= 0 and it has a length, else n_geom.
-static inline vec3 smooth_normal(const Scene* s, vint normals, vfloat b1, vfloat b2, vec3 n_geom) {
-    const vmask smooth = normals >= 0;
-    if (!lane_any(smooth)) return n_geom;
-    __global const float8* table = s->tables + s->p->normals_row;
-    const vint row = (smooth ? normals : splat_int(0)) * NORMALS_ROWS;
-    const Row r0 = gather_row(table, row), r1 = gather_row(table, row + 1);
-    const vfloat b0 = 1.0f - b1 - b2;
-    vec3 n = scale3(vec3_of(r0.s0, r0.s1, r0.s2), b0);
-    n = mad3(vec3_of(r0.s4, r0.s5, r0.s6), b1, n);
-    n = mad3(vec3_of(r1.s0, r1.s1, r1.s2), b2, n);
+/// Unit normal out of a word; 0 of the word 0. Cigolle et al. 2014, "Survey of efficient
+/// representations for independent unit vectors": an octahedron unfolded into the unit square, 16
+/// bits a coordinate, which is within 7e-5.
+static inline vec3 unpack_normal(vfloat word) {
+    const vuint bits = as_vuint(word);
+    vfloat x = to_vfloat(as_vint(bits & 0xffffu) - 32768) * (1.0f / 32767.0f);
+    vfloat y = to_vfloat(as_vint(bits >> 16) - 32768) * (1.0f / 32767.0f);
+    const vfloat z = 1.0f - vabs(x) - vabs(y), fold = vmax(-z, splat(0.0f));
+    x -= with_sign(fold, x);
+    y -= with_sign(fold, y);
+    const vfloat scale = keep(bits != 0u, inverse_sqrt(mad_f(x, x, mad_f(y, y, z * z))));
+    return vec3_of(x * scale, y * scale, z * scale);
+}
+/// Interpolated vertex normal where the triangle, of whose second row these are columns, has them
+/// and they do not cancel; else n_geom.
+static inline vec3 smooth_normal(const Row* r, vfloat b1, vfloat b2, vec3 n_geom) {
+    vec3 n = scale3(unpack_normal(r->s4), 1.0f - b1 - b2);
+    n = mad3(unpack_normal(r->s5), b1, n);
+    n = mad3(unpack_normal(r->s6), b2, n);
     const vfloat squared = dot3(n, n);
-    return select3(smooth & (squared > 1e-20f), scale3(n, inverse_sqrt(squared)), n_geom);
+    return select3(squared > 1e-20f, scale3(n, inverse_sqrt(squared)), n_geom);
 }
 #endif
 
@@ -74,7 +82,7 @@ static inline void triangle_vertex(const Scene* s, const Hit* hit, vmask m, Vert
     const vec3 e1 = sub3(v1, v0), e2 = sub3(v2, v0);
     vec3 n_geom = normalize3(cross3(e1, e2)), n_shade = n_geom;
 #if PAVE_HAS_SMOOTH
-    n_shade = smooth_normal(s, as_vint(r1.s4), hit->b1, hit->b2, n_geom);
+    n_shade = smooth_normal(&r1, hit->b1, hit->b2, n_geom);
 #endif
     vfloat scale = vmax(max_abs_component(v0), vmax(max_abs_component(v1), max_abs_component(v2)));
     // From the vertices, not along the ray: the error does not grow with the ray's length.

@@ -86,7 +86,6 @@ Shape copy_of(const Shape& part, const Axes& map, int object, int number, bool t
     const std::array<Double3, 3> inverse = inverse_rows(map);
     double most = 0;
     for (const Double3& row : inverse) most = std::max(most, max_abs(row));
-    // Not of unit length: so the interpolated ones are those of the instance.
     for (auto& n : copy.mesh.normals)
         n = to_floats((inverse[0] * n[0] + inverse[1] * n[1] + inverse[2] * n[2]) / most);
     // The winding's normal is to go by the inverse transpose too.
@@ -146,36 +145,61 @@ namespace {
 
 constexpr size_t kCopied = ~size_t{0};
 
-/// How often groups are placed; throws for an instance that is not sound.
-std::vector<size_t> count_placements(const Scene& scene) {
-    std::vector<size_t> placements(scene.groups.size(), 0);
+/// Whether the map keeps angles, to float32's precision.
+bool is_even(const Axes& map) {
+    const double x = dot(map.x, map.x), y = dot(map.y, map.y), z = dot(map.z, map.z);
+    return std::max({std::abs(x - y), std::abs(x - z), std::abs(dot(map.x, map.y)),
+                     std::abs(dot(map.x, map.z)), std::abs(dot(map.y, map.z))}) <= 1e-5 * x;
+}
+
+struct Placements {
+    size_t count = 0;
+    bool stretched = false;  // some map does not keep angles
+};
+/// By group; throws for an instance that is not sound.
+std::vector<Placements> placements_of(const Scene& scene) {
+    std::vector<Placements> placements(scene.groups.size());
     for (const Shape& shape : scene.shapes) {
         if (shape.type != Shape::Type::kInstance) continue;
         check_instance(scene, shape);
-        ++placements[static_cast<size_t>(shape.group)];
+        Placements& of_group = placements[static_cast<size_t>(shape.group)];
+        ++of_group.count;
+        of_group.stretched |= !is_even(Axes(shape.world_from_object));
     }
     return placements;
 }
 
-/// By group its place in data.groups, which get those that are not copied; else kCopied.
+bool has_normals(const ShapeGroup& group) {
+    return std::any_of(group.shapes.begin(), group.shapes.end(),
+                       [](const Shape& part) { return !part.mesh.normals.empty(); });
+}
+
+/// By group its place in data.groups, which get those that are not copied; else kCopied. Vertex
+/// normals are interpolated in the group's space before they are stretched, and a copy's are of
+/// unit length each: groups with both are never copied.
 std::vector<size_t> share_groups(const Scene& scene, SceneData& data, int copied_triangles) {
-    const std::vector<size_t> placements = count_placements(scene);
+    const std::vector<Placements> placements = placements_of(scene);
     std::vector<size_t> shared(scene.groups.size(), kCopied), order, triangles;
+    const auto share = [&](size_t group) {
+        shared[group] = data.groups.size();
+        data.groups.emplace_back().group = &scene.groups[group];
+    };
     for (size_t i = 0; i < scene.groups.size(); ++i) {
         check_group(scene, scene.groups[i]);
         size_t& sum = triangles.emplace_back(0);
         for (const Shape& part : scene.groups[i].shapes) sum += part.mesh.triangles.size();
-        const bool is_shared = placements[i] > (copied_triangles < 0 ? 0u : 1u);
-        if (sum > 0 && is_shared) order.push_back(i);
+        if (sum > 0 && placements[i].stretched && has_normals(scene.groups[i]))
+            share(i);
+        else if (sum > 0 && placements[i].count > (copied_triangles < 0 ? 0u : 1u))
+            order.push_back(i);
     }
     std::stable_sort(order.begin(), order.end(),
                      [&](size_t a, size_t b) { return triangles[a] < triangles[b]; });
     size_t copied = 0;
     for (const size_t i : order) {
-        copied += triangles[i] * placements[i];
+        copied += triangles[i] * placements[i].count;
         if (copied <= static_cast<size_t>(std::max(copied_triangles, 0))) continue;
-        shared[i] = data.groups.size();
-        data.groups.emplace_back().group = &scene.groups[i];
+        share(i);
     }
     return shared;
 }

@@ -152,8 +152,7 @@ void set_scene_params(kernel::PathParams& p, const SceneData& data, int lanes) {
     p.sphere_row = p.cube_row + rows_of(data.cubes) * copies;
     p.surface_row = 0;
     p.triangle_row = rows_of(data.surfaces);
-    p.normals_row = p.triangle_row + rows_of(data.triangles);
-    p.bsdf_row = p.normals_row + rows_of(data.normals);
+    p.bsdf_row = p.triangle_row + rows_of(data.triangles);
     p.light_row = p.bsdf_row + rows_of(data.bsdfs);
     p.uv_row = p.light_row + rows_of(data.lights);
     p.texture_row = p.uv_row + rows_of(data.uvs);
@@ -209,7 +208,6 @@ std::vector<Row> pack_tables(const SceneData& data) {
     std::vector<Row> rows;
     append(rows, data.surfaces);
     append(rows, data.triangles);
-    append(rows, data.normals);
     append(rows, data.bsdfs);
     append(rows, data.lights);
     append(rows, data.uvs);

@@ -81,7 +81,7 @@ void add_features(const Scene& scene, SceneData& data, const RendererPaths& path
     set("PAVE_HAS_SPHERES", data.broadcast && !data.spheres.empty());
     set("PAVE_HAS_TRIANGLES", !data.corners.empty());
     set("PAVE_HAS_INSTANCES", !data.instances.empty());
-    set("PAVE_HAS_SMOOTH", !data.normals.empty());
+    set("PAVE_HAS_SMOOTH", data.smooth);
     set("PAVE_HAS_CONDUCTOR", has_bsdf(scene, Bsdf::Type::kConductor));
     set("PAVE_HAS_ROUGH", has_bsdf(scene, Bsdf::Type::kRoughConductor));
     set("PAVE_HAS_DIELECTRIC", has_bsdf(scene, Bsdf::Type::kDielectric));
@@ -133,7 +133,6 @@ SceneData build_scene_data(const Scene& scene, const RendererPaths& paths, bool 
     // Lanes without a hit read entry 0 of every table.
     if (data.surfaces.empty()) data.surfaces.resize(SURFACE_ROWS);
     if (data.triangles.empty()) data.triangles.resize(TRIANGLE_ROWS);
-    if (data.normals.empty()) data.normals.resize(NORMALS_ROWS);
     if (data.bsdfs.empty()) data.bsdfs.resize(BSDF_ROWS);
     if (data.lights.empty()) data.lights.resize(LIGHT_ROWS);
     if (data.uvs.empty()) data.uvs.resize(UV_ROWS);

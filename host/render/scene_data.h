@@ -66,10 +66,11 @@ struct SceneData {
     std::vector<kernel::CubeShape> cubes;
     std::vector<kernel::SphereShape> spheres;
     bool broadcast = true;  // shapes are tested in loops, not in the tree
+    bool smooth = false;    // some mesh has vertex normals
     bool repeat_shapes =
         true;  // and stored once a lane; programs for any scene read them as plain floats
 
-    std::vector<Row> surfaces, triangles, normals, bsdfs, lights;
+    std::vector<Row> surfaces, triangles, bsdfs, lights;
     std::vector<Row> uvs, textures;  // empty in a scene without textures
     std::vector<Row> environment;    // its image; three rows without one
     Block<Corners> corners;          // of the triangles, for the tree; those of groups come last
@@ -106,7 +107,7 @@ struct LightSource {
     double radius = 0, area = 0;
     Rgb radiance{};
     double power = 0;
-    int normals = -1;
+    int normals = -1;  // triangle that has vertex normals
 };
 /// Fills `shapes`, `copies`, `groups` and `instances`. With `turn` the winding of mirrored copies
 /// is turned, so that their front is the group's; without, triangles keep their vertices' order.
@@ -127,6 +128,8 @@ void add_shapes(const Scene& scene, SceneData& data, std::vector<LightSource>& l
 void add_triangles(const Scene& scene, SceneData& data, std::vector<LightSource>& lights,
                    bool tables, Workers& workers);
 LightSource light_of_triangle(const Corners& corners, const Rgb& radiance, int normals);
+/// A unit vector as kernels/vertex.h unpacks it, within 7e-5; 0 for one without a direction.
+uint32_t pack_normal(const std::array<float, 3>& n);
 /// Whether float32 kernels can normalise the triangle's normal.
 bool has_area(const Corners& corners);
 void add_lights(const Scene& scene, SceneData& data, std::vector<LightSource> lights);

@@ -134,8 +134,7 @@ void for_primitives(const std::vector<TriangleRun>& runs, size_t first, size_t l
     }
 }
 
-/// Shading rows of the triangles [first, last) of `shape`; `normals` and `lights` are those of
-/// `first`.
+/// Shading rows of the triangles [first, last) of `shape`; `lights` is that of `first`.
 void write_rows(const Scene& scene, const Place& place, const MeshReader& reader, SceneData& data,
                 size_t first, size_t last, size_t lights, Workers& workers) {
     const Shape& shape = *place.shape;
@@ -143,37 +142,31 @@ void write_rows(const Scene& scene, const Place& place, const MeshReader& reader
     const uint32_t bits = surface_bits(scene, shape, SURFACE_FLAT, false);
     const bool smooth = !shape.mesh.normals.empty();
     const bool textured = has_texture(scene.bsdfs[static_cast<size_t>(shape.bsdf)]);
-    const size_t normals = data.normals.size() / NORMALS_ROWS, uvs = data.uvs.size();
+    const size_t uvs = data.uvs.size();
     data.triangles.resize(last * TRIANGLE_ROWS);
-    if (smooth) data.normals.resize((normals + last - first) * NORMALS_ROWS);
+    data.smooth |= smooth;
     if (textured) data.uvs.resize(uvs + last - first);
     const auto write = [&](size_t triangle, size_t primitive) {
         const size_t i = triangle - first;
         const Corners& corners = data.corners[triangle];
-        const int normal_entry = smooth ? static_cast<int>(normals + i) : -1;
+        const std::array<uint32_t, 3> vertex = reader.vertices_of(primitive);
+        std::array<float, 3> n{};  // packed
+        for (size_t k = 0; k < 3 && smooth; ++k) {
+            Point normal = shape.mesh.normals[vertex[k]];
+            if (shape.flip_normals)
+                for (float& x : normal) x = -x;
+            n[k] = as_float_bits(pack_normal(normal));
+        }
         data.triangles[triangle * TRIANGLE_ROWS] =
             row_of(corners[0], as_float_bits(bits), corners[1],
                    as_float_bits(static_cast<uint32_t>(lights + (emits(shape) ? i : 0))));
-        data.triangles[triangle * TRIANGLE_ROWS + 1] = row_of(
-            corners[2], as_float_bits(object),
-            {as_float_bits(static_cast<uint32_t>(normal_entry)),
-             as_float_bits(static_cast<uint32_t>(textured ? uvs + i : size_t{0xffffffff})), 0},
-            0);
-        const std::array<uint32_t, 3> vertex = reader.vertices_of(primitive);
-        if (textured) {
-            const auto& at = shape.mesh.texcoords;
-            const auto &a = at[vertex[0]], &b = at[vertex[1]], &c = at[vertex[2]];
-            data.uvs[uvs + i] = {a[0], a[1], b[0], b[1], c[0], c[1], 0, 0};
-        }
-        if (!smooth) return;
-        std::array<Point, 3> n;
-        for (size_t k = 0; k < 3; ++k) {
-            n[k] = shape.mesh.normals[vertex[k]];
-            if (shape.flip_normals)
-                for (float& x : n[k]) x = -x;
-        }
-        data.normals[(normals + i) * NORMALS_ROWS] = row_of(n[0], 0, n[1], 0);
-        data.normals[(normals + i) * NORMALS_ROWS + 1] = row_of(n[2], 0, {0, 0, 0}, 0);
+        data.triangles[triangle * TRIANGLE_ROWS + 1] =
+            row_of(corners[2], as_float_bits(object), n,
+                   as_float_bits(static_cast<uint32_t>(textured ? uvs + i : size_t{0xffffffff})));
+        if (!textured) return;
+        const auto& at = shape.mesh.texcoords;
+        const auto &a = at[vertex[0]], &b = at[vertex[1]], &c = at[vertex[2]];
+        data.uvs[uvs + i] = {a[0], a[1], b[0], b[1], c[0], c[1], 0, 0};
     };
     run_chunks(workers, last - first, kChunk, [&](size_t, size_t begin, size_t end) {
         for_primitives(data.triangle_runs, first + begin, first + end, write);
@@ -187,6 +180,23 @@ bool has_area(const Corners& corners) {
                                  to_double3(corners[2]) - to_double3(corners[0]));
     return is_finite(normal) && dot(normal, normal) > kLeastSquaredArea &&
            dot(normal, normal) < 1e36;
+}
+
+uint32_t pack_normal(const std::array<float, 3>& n) {
+    const double x = n[0], y = n[1], z = n[2];
+    const double sum = std::abs(x) + std::abs(y) + std::abs(z);
+    if (!(sum > 0) || !std::isfinite(sum)) return 0;
+    double u = x / sum, v = y / sum;
+    if (z < 0) {
+        const double folded = std::copysign(1 - std::abs(v), u);
+        v = std::copysign(1 - std::abs(u), v);
+        u = folded;
+    }
+    // From 1 up, so that no normal is 0.
+    const auto coordinate = [](double c) {
+        return static_cast<uint32_t>(std::lround(c * 32767) + 32768);
+    };
+    return coordinate(u) | coordinate(v) << 16;
 }
 
 LightSource light_of_triangle(const Corners& corners, const Rgb& radiance, int normals) {
@@ -220,15 +230,12 @@ static size_t add_mesh(const Scene& scene, const Place& place, SceneData& data,
                          std::to_string(mesh.positions.size()) + " vertices");
     MeshReader reader(scene, place, data, kept, workers);
     const size_t first = kept;
-    const int normals =
-        mesh.normals.empty() ? -1 : static_cast<int>(data.normals.size() / NORMALS_ROWS);
     kept += reader.read();
     if (!tables) return kept;
     write_rows(scene, place, reader, data, first, kept, lights.size(), workers);
     for (size_t i = first; i < kept && emits(shape); ++i)
-        lights.push_back(
-            light_of_triangle(data.corners[i], shape.radiance,
-                              normals < 0 ? -1 : normals + static_cast<int>(i - first)));
+        lights.push_back(light_of_triangle(data.corners[i], shape.radiance,
+                                           mesh.normals.empty() ? -1 : static_cast<int>(i)));
     return kept;
 }
 

@@ -1,6 +1,9 @@
 // Every channel against what geometry and statistics say it must be.
 // SPDX-License-Identifier: BSD-3-Clause
+#include <random>
+
 #include "host/render/double3.h"
+#include "host/render/scene_data.h"
 #include "support.h"
 
 namespace pave::test {
@@ -215,6 +218,36 @@ TEST(Channels, ConstantPixelsHaveNoVariance) {
         EXPECT_FLOAT_EQ(frame.channel("color")[i], 17.0f);
         EXPECT_EQ(frame.channel("variance")[i], 0.0f);
     }
+}
+
+/// As kernels/vertex.h does it, in double.
+Double3 unpack_normal(uint32_t word) {
+    double x = (static_cast<int>(word & 0xffff) - 32768) / 32767.0,
+           y = (static_cast<int>(word >> 16) - 32768) / 32767.0;
+    const double z = 1 - std::abs(x) - std::abs(y), fold = std::max(-z, 0.0);
+    x -= std::copysign(fold, x);
+    y -= std::copysign(fold, y);
+    return normalized({x, y, z});
+}
+
+TEST(Channels, VertexNormalsArePackedWithin7e5) {
+    std::mt19937 rng(5);
+    std::normal_distribution<float> normal;
+    std::uniform_int_distribution<int> step(-1, 1);
+    for (int i = 0; i < 100000; ++i) {
+        const bool on_grid = i % 4 == 0;  // axes, edges and corners of the octahedron
+        std::array<float, 3> n;
+        for (float& x : n) x = on_grid ? static_cast<float>(step(rng)) : normal(rng);
+        const uint32_t word = pack_normal(n);
+        if (n == std::array<float, 3>{0, 0, 0}) {
+            ASSERT_EQ(word, 0u);
+            continue;
+        }
+        ASSERT_NE(word, 0u);
+        ASSERT_LT(length(unpack_normal(word) - normalized(to_double3(n))), 7e-5)
+            << n[0] << " " << n[1] << " " << n[2];
+    }
+    EXPECT_EQ(pack_normal({std::numeric_limits<float>::quiet_NaN(), 0, 1}), 0u);
 }
 
 TEST(Channels, LightHasOneSide) {
