@@ -145,6 +145,23 @@ __kernel void sample_bsdf_many(__constant const PathParams* p, __global const fl
     lane_store(b.eta, out + 7 * count + i);
 }
 
+/// out: sums (3) of the power of `samples` samples an item.
+__kernel void bsdf_power_many(__constant const PathParams* p, __global const float8* tables,
+                              int surface, float4 wi, uint seed, int samples, __global float* out,
+                              int count) {
+    const Scene s = scene_of(p, 0, 0, tables, 0);
+    const int i = FIRST;
+    const Material m = material_of_surface(&s, surface);
+    vec3 sum = splat3(0.0f, 0.0f, 0.0f);
+    for (int k = 0; k < samples; ++k) {
+        const Philox r = numbers(i + k * count, seed);
+        const BsdfSample b = sample_bsdf(&m, splat3(wi.x, wi.y, wi.z), unit_float(r.x),
+                                         unit_float(r.y), unit_float(r.z));
+        sum = mad3(b.weight, b.eta * b.eta, sum);
+    }
+    store3(out, count, i, sum);
+}
+
 /// in: wi (3), wo (3); out: f * cos (3), pdf.
 __kernel void eval_bsdf_many(__constant const PathParams* p, __global const float8* tables,
                              int surface, __global const float* in, __global float* out,

@@ -99,6 +99,9 @@ def parts_of(options: argparse.Namespace) -> list[Part]:
     }
     if options.faults:
         return [parts["python"]]
+    if options.seeded:
+        seeded = [sys.executable, str(ROOT / "tests" / "seeded_bugs.py")]
+        return [Part("seeded", seeded + (["-k", options.filter] if options.filter else []))]
     if options.only:
         return [parts[options.only]]
     if options.filter:  # lint has no names
@@ -117,6 +120,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="./pave test", description=__doc__.split("\n")[0])
     parser.add_argument("--fast", action="store_true", help="leave the slow tests out")
     parser.add_argument("--faults", action="store_true", help="only the long kill and fault tests")
+    parser.add_argument(
+        "--seeded", action="store_true", help="only: plant physics bugs, which tests must notice"
+    )
     parser.add_argument("--only", choices=["lint", "cpp", "python"], help="one part alone")
     parser.add_argument(
         "-k", "--filter", help="tests whose names match (ctest: regex, pytest: expression)"

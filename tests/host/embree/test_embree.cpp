@@ -189,7 +189,7 @@ TEST(EmbreeAgrees, OnMeshesOfAllKinds) {
         turns = turns == TreeTurns::kAlways ? TreeTurns::kNever : TreeTurns::kAlways;
         RayTracer tracer(device(), scene, {.tree_turns = turns});
         const Embree embree(c.mesh);
-        const std::vector<Ray> rays = rays_at(c.mesh, 20000, 61);
+        const std::vector<Ray> rays = rays_at(c.mesh, 72000, 61);
         std::vector<Hit> hits(rays.size());
         std::vector<uint8_t> occluded(rays.size());
         tracer.trace_closest(rays, hits);
@@ -202,7 +202,7 @@ TEST(EmbreeAgrees, OnMeshesOfAllKinds) {
             const auto close = [&](double x) {
                 return t == x || std::abs(t - x) <= 1e-4 * std::max(1.0, x);
             };
-            if (close(expected) && i % 16 != 0) continue;
+            if (close(expected) && i % 64 != 0) continue;
             const BruteHit exact = brute_force(c.mesh, rays[i]);
             if (close(exact.t)) continue;
             by_edge += i % 2;  // of rays that are not aimed at a vertex

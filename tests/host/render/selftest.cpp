@@ -74,12 +74,25 @@ Planes SelfTest::philox_units(uint32_t seed, size_t count) {
 Planes SelfTest::sample_shape(int shape, float parameter, const Planes& u) {
     return run("sample_shape", 6, u[0].size(), shape, parameter, upload(u));
 }
+
 static cl_float4 float4_of(double x, double y, double z) {
     return {{static_cast<float>(x), static_cast<float>(y), static_cast<float>(z), 0.0f}};
 }
 Planes SelfTest::sample_bsdf(int surface, std::array<double, 3> wi, uint32_t seed, size_t count) {
     return run("sample_bsdf_many", 8, count, params_, tables_, surface,
                float4_of(wi[0], wi[1], wi[2]), seed);
+}
+std::array<double, 3> SelfTest::bsdf_power(int surface, std::array<double, 3> wi, uint32_t seed,
+                                           size_t count) {
+    constexpr size_t kItems = 1 << 14;
+    const Planes sums =
+        run("bsdf_power_many", 3, kItems, params_, tables_, surface, float4_of(wi[0], wi[1], wi[2]),
+            seed, static_cast<cl_int>(count / kItems));
+    std::array<double, 3> power{};
+    for (size_t c = 0; c < 3; ++c)
+        power[c] = std::accumulate(sums[c].begin(), sums[c].end(), 0.0) /
+                   static_cast<double>(count / kItems * kItems);
+    return power;
 }
 Planes SelfTest::eval_bsdf(int surface, const Planes& pairs) {
     return run("eval_bsdf_many", 4, pairs[0].size(), params_, tables_, surface, upload(pairs));

@@ -27,6 +27,10 @@ class SelfTest {
     Planes sample_shape(int shape, float parameter, const Planes& u);
     /// wo (3), weight (3), pdf, eta of `count` samples.
     Planes sample_bsdf(int surface, std::array<double, 3> wi, uint32_t seed, size_t count);
+    /// Power of `count` samples, a multiple of 2^14, over that of wi: radiance without the square
+    /// of the index ratio.
+    std::array<double, 3> bsdf_power(int surface, std::array<double, 3> wi, uint32_t seed,
+                                     size_t count);
     /// f * cos (3), pdf for wi (3), wo (3).
     Planes eval_bsdf(int surface, const Planes& pairs);
     /// Colour (3) at u, v.

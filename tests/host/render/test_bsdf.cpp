@@ -2,6 +2,7 @@
 // Snell and Fresnel.
 // SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
+#include <complex>
 #include <random>
 
 #include "selftest.h"
@@ -153,14 +154,9 @@ TEST(Bsdf, WeightIsValueOverDensity) {
 TEST(Bsdf, MakesNoEnergy) {
     const std::vector<Case> cases = smooth_cases();
     SelfTest test(scene_with(cases));
-    constexpr size_t kCount = 1 << 16;
     for (size_t c = 0; c < cases.size(); ++c)
         for (const Dir& wi : directions(100, cases[c].below, 13)) {
-            const Planes s = test.sample_bsdf(static_cast<int>(c), wi, 7, kCount);
-            for (size_t k = 3; k < 6; ++k) {
-                double sum = 0;  // of power: radiance without the square of the index ratio
-                for (size_t i = 0; i < kCount; ++i) sum += s[k][i] * s[7][i] * s[7][i];
-                const double reflected = sum / kCount;
+            for (double reflected : test.bsdf_power(static_cast<int>(c), wi, 7, 1 << 20)) {
                 // The published fit that defines plastic's inner reflectance is a thousandth off.
                 const bool is_fit = cases[c].bsdf.type == Bsdf::Type::kPlastic;
                 EXPECT_LE(reflected, is_fit ? 1.003 : 1.001) << cases[c].name;
@@ -235,6 +231,27 @@ TEST(Bsdf, PerfectMirrorReflectsAll) {
         EXPECT_NEAR(s[2][0], wi[2], 1e-6);
         for (size_t k = 3; k < 6; ++k) EXPECT_NEAR(s[k][0], 1.0, 1e-5);
         EXPECT_TRUE(std::isinf(s[6][0]));
+    }
+}
+
+TEST(Bsdf, MetalsReflectByFresnel) {
+    Bsdf metal;
+    metal.type = Bsdf::Type::kConductor;
+    metal.eta = {0.14f, 1.4f, 2.8f};
+    metal.k = {3.98f, 7.3f, 0.4f};
+    metal.specular_reflectance = {0.9f, 1.0f, 0.5f};
+    SelfTest test(scene_with({{"metal", metal}}));
+    for (const Dir& wi : directions(25, false, 21)) {
+        const Planes s = test.sample_bsdf(0, wi, 9, 16);
+        for (size_t c = 0; c < 3; ++c) {
+            // Fresnel's equations as they are, with complex numbers; Born and Wolf, section 1.5.2.
+            const std::complex<double> n(metal.eta[c], metal.k[c]);
+            const std::complex<double> cos_t = std::sqrt(1.0 - (1 - wi[2] * wi[2]) / (n * n));
+            const double reflected = (std::norm((wi[2] - n * cos_t) / (wi[2] + n * cos_t)) +
+                                      std::norm((n * wi[2] - cos_t) / (n * wi[2] + cos_t))) /
+                                     2;
+            EXPECT_NEAR(s[3 + c][0], metal.specular_reflectance[c] * reflected, 2e-6) << wi[2];
+        }
     }
 }
 

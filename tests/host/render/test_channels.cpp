@@ -64,6 +64,33 @@ TEST(Channels, PlaneIsWhereGeometryPutsIt) {
         }
 }
 
+TEST(Channels, PixelIsSampledEvenly) {
+    // A light whose edges cut the only pixel: its share of the pixel is the mean, whatever the
+    // edges' direction.
+    for (const Sampler sampler : {Sampler::kSobol, Sampler::kIndependent})
+        for (const float degrees : {0.0f, 45.0f, 90.0f, 135.0f}) {
+            Scene scene;
+            // An edge through (0.2, 0.1) of the square that the camera sees, [-1, 1]^2.
+            make_emitter(add_shape(scene, Shape::Type::kRectangle,
+                                   translate(0.2f, 0.1f, 0) * rotate(2, degrees) *
+                                       translate(5, 0, 0) * scale(5),
+                                   add_diffuse(scene, {0, 0, 0})),
+                         {1, 1, 1});
+            scene.view = look_at({0, 0, 1}, {0, 0, 0}, {0, 1, 0}, 90);
+            const Frame frame =
+                render(scene, 1, 1, {"color"}, {.spp = 1 << 16, .sampler = sampler});
+            const double a = degrees * M_PI / 180, nx = std::cos(a), ny = std::sin(a);
+            double inside = 0;  // midpoints of a grid
+            constexpr int kFine = 512;
+            for (int i = 0; i < kFine * kFine; ++i) {
+                const double x = (2.0 * (i % kFine) + 1) / kFine - 1.2,
+                             y = (2.0 * (i / kFine) + 1) / kFine - 1.1;
+                inside += nx * x + ny * y > 0;
+            }
+            EXPECT_NEAR(mean(frame, "color"), inside / (kFine * kFine), 0.01) << degrees;
+        }
+}
+
 TEST(Channels, OnePixelIsExact) {
     // So narrow a view that jitter does not matter: one float's worth of agreement with the closed
     // form.
@@ -73,7 +100,7 @@ TEST(Channels, OnePixelIsExact) {
     Shape& ball =
         add_shape(scene, Shape::Type::kSphere, translate(0.1f, 0.2f, 0.3f) * scale(0.5f), grey);
     ball.flip_normals = true;
-    scene.view = look_at({1, 2, 3}, {0.2f, 0.3f, 0.5f}, {0, 1, 0}, 0.0005f);
+    scene.view = look_at({1, 2, 3}, {0.2f, 0.3f, 0.5f}, {0, 1, 0}, 0.00005f);
     const Frame frame = render(scene, 1, 1, kGeometry, {.spp = 4});
     const Double3 eye{1, 2, 3}, center = to_double3({0.1f, 0.2f, 0.3f}),
                                 d = normalized(Axes(scene.view.world_from_camera).z);
@@ -83,8 +110,8 @@ TEST(Channels, OnePixelIsExact) {
     EXPECT_NEAR(frame.channel("distance")[0], t, 1e-5 * t);
     EXPECT_NEAR(frame.channel("depth")[0], t, 1e-5 * t);
     for (size_t c = 0; c < 3; ++c) {
-        EXPECT_NEAR(frame.channel("position")[c], to_floats(p)[c], 2e-5);
-        EXPECT_NEAR(frame.channel("normal")[c], to_floats(n)[c], 5e-5);
+        EXPECT_NEAR(frame.channel("position")[c], to_floats(p)[c], 1e-5 * t);
+        EXPECT_NEAR(frame.channel("normal")[c], to_floats(n)[c], 1e-5);
     }
     EXPECT_EQ(frame.channel("object")[0], 1.0f);
 }
@@ -248,6 +275,24 @@ TEST(Channels, VertexNormalsArePackedWithin7e5) {
             << n[0] << " " << n[1] << " " << n[2];
     }
     EXPECT_EQ(pack_normal({std::numeric_limits<float>::quiet_NaN(), 0, 1}), 0u);
+}
+
+TEST(Channels, VertexNormalsAreInterpolated) {
+    Scene scene;
+    add_mesh(scene, sphere_mesh(12, {0, 0, 0}, 1, true), add_diffuse(scene, {0.5f, 0.5f, 0.5f}));
+    scene.view = look_at({0, 0.3f, 4}, {0, 0, 0}, {0, 1, 0}, 24);
+    const Frame frame = render(scene, 32, 32, {"normal", "position", "depth"}, {.spp = 64});
+    const auto n = frame.channel("normal"), p = frame.channel("position");
+    size_t seen = 0;
+    for (size_t i = 0; i < 32 * 32; ++i) {
+        const Double3 at{p[i], p[1024 + i], p[2048 + i]};
+        if (!(length(at) > 0.9)) continue;  // a silhouette
+        const Double3 normal = normalized({n[i], n[1024 + i], n[2048 + i]});
+        // Facets' own normals are up to a tenth off.
+        EXPECT_LT(length(normal - normalized(at)), 0.03) << "pixel " << i;
+        ++seen;
+    }
+    EXPECT_GT(seen, 400u);
 }
 
 TEST(Channels, LightHasOneSide) {

@@ -39,7 +39,7 @@ TEST_P(FurnaceTest, HasTheRadianceOfTheTruncatedSeries) {
     scene.view = look_at({0.3f, 0.2f, 0.1f}, {1, 0.4f, -0.3f}, {0, 1, 0}, 90);
     constexpr int kEdges = 40;
     const Frame frame =
-        render(scene, 32, 32, {"color", "variance"}, {.spp = 2048, .max_depth = kEdges, .seed = 1});
+        render(scene, 64, 64, {"color", "variance"}, {.spp = 4096, .max_depth = kEdges, .seed = 1});
     const double expected =
         (1 - std::pow(static_cast<double>(rho), kEdges)) / (1 - static_cast<double>(rho));
     const double radiance = mean(frame, "color"), spread = standard_error(frame);
@@ -156,12 +156,17 @@ double form_factor(const std::vector<Double3>& polygon) {
 }
 
 /// Radiance of a white floor at the origin, lit by `light` alone, and its standard error.
-std::pair<double, double> lit_floor(const Shape& light, int size, int spp, uint64_t seed) {
+std::pair<double, double> lit_floor(const Shape& light, int size, int spp, uint64_t seed,
+                                    const Shape* blocker = nullptr) {
     Scene scene;
     add_shape(scene, Shape::Type::kRectangle, scale(1e-3f), add_diffuse(scene, {1, 1, 1}));
     scene.shapes.push_back(light);
     scene.shapes.back().bsdf = add_diffuse(scene, {0, 0, 0});
     make_emitter(scene.shapes.back(), {1, 1, 1});
+    if (blocker != nullptr) {
+        scene.shapes.push_back(*blocker);
+        scene.shapes.back().bsdf = 1;
+    }
     // So near to the floor that no light is in between, so narrow that all pixels see the origin.
     scene.view = look_at({0, 0, 1e-3f}, {0, 0, 0}, {0, 1, 0}, 0.01f);
     const Frame frame = render(scene, size, size, {"color", "variance"},
@@ -178,6 +183,28 @@ TEST(DirectLight, UnitSquareAtDistanceOne) {
     const auto [radiance, spread] = lit_floor(light, 32, 4096, 1);
     EXPECT_NEAR(radiance, 0.2394564705, 4 * spread);
     EXPECT_NEAR(radiance, 0.2394564705, 0.0005 * 0.2394564705);
+}
+
+/// The measured Cornell box: its floor is lit by the light alone, for the box is empty and black.
+TEST(DirectLight, FloorOfTheEmptyCornellBox) {
+    struct Place {
+        double x, z, factor;
+    };
+    for (const Place& at : {Place{278, 279.6, 0.0142069570}, Place{0, 0, 0.0062781834}}) {
+        // The floor's y is our z, seen from the point.
+        std::vector<Double3> corners;
+        for (auto [x, z] : {std::pair(343.0, 227.0), std::pair(343.0, 332.0),
+                            std::pair(213.0, 332.0), std::pair(213.0, 227.0)})
+            corners.push_back({x - at.x, z - at.z, 548.8});
+        ASSERT_NEAR(form_factor(corners), at.factor, 1e-10);
+        Shape light;
+        light.world_from_object =
+            translate(static_cast<float>(278 - at.x), static_cast<float>(279.5 - at.z), 548.8f) *
+            rotate(0, 180) * scale(65, 52.5f, 1);
+        const auto [radiance, spread] = lit_floor(light, 32, 4096, 3);
+        EXPECT_NEAR(radiance, at.factor, 4 * spread + 1e-7);
+        EXPECT_NEAR(radiance, at.factor, 0.0005 * at.factor);
+    }
 }
 
 TEST(DirectLight, RandomPolygonsFollowLambertsFormula) {
@@ -216,6 +243,34 @@ TEST(DirectLight, RandomPolygonsFollowLambertsFormula) {
     ASSERT_GT(used, kPolygons / 2);
     // A thousand samples a pixel leave 0.1 to 1 % each, so their mean is known to about 0.03 %.
     EXPECT_NEAR(bias / used, 0.0, 1e-3);
+}
+
+TEST(DirectLight, BlockersHideWhatIsBehindThem) {
+    // Of the unit square at distance 1 the half with x > 0, by one shape of each kind.
+    const double expected =
+        form_factor({{-0.5, -0.5, 1}, {0, -0.5, 1}, {0, 0.5, 1}, {-0.5, 0.5, 1}});
+    std::vector<Shape> blockers(6);
+    blockers[0].world_from_object = translate(2, 0, 0.5f) * scale(2);
+    // Slanted: its edge is the line x = 0, z = 0.5 all the same, but no other one is along an axis.
+    blockers[1].world_from_object =
+        translate(0, 0, 0.5f) * rotate(1, 20) * translate(2, 0, 0) * scale(2);
+    blockers[2].type = Shape::Type::kCube;
+    blockers[2].world_from_object = translate(2, 0, 0.5f) * scale(2, 2, 0.1f);
+    blockers[3].type = Shape::Type::kDisk;
+    blockers[3].world_from_object = translate(400, 0, 0.5f) * scale(400);
+    blockers[4].type = Shape::Type::kSphere;
+    blockers[4].world_from_object = translate(400, 0, 0.5f) * scale(400);
+    blockers[5].type = Shape::Type::kMesh;
+    blockers[5].mesh.positions = {{0, -2, 0.5f}, {4, -2, 0.5f}, {4, 2, 0.5f}, {0, 2, 0.5f}};
+    blockers[5].mesh.normals.resize(4, {0, 0, 1});  // so that it stays a mesh
+    blockers[5].mesh.triangles = {{0, 1, 2}, {0, 2, 3}};
+    Shape light;
+    light.world_from_object = translate(0, 0, 1) * rotate(0, 180) * scale(0.5f);
+    for (size_t i = 0; i < blockers.size(); ++i) {
+        const auto [radiance, spread] = lit_floor(light, 16, 4096, 4, &blockers[i]);
+        // The round ones leave slivers of a thousandth at the ends of the edge.
+        EXPECT_NEAR(radiance, expected, 4 * spread + 1e-3 * expected) << "blocker " << i;
+    }
 }
 
 TEST(DirectLight, SphereIsADiskOfTheSameSolidAngle) {

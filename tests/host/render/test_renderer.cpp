@@ -190,6 +190,24 @@ TEST(Renderer, CountsSamplesThatAreNotFinite) {
     EXPECT_EQ(sane.dropped_samples(), 0u);
 }
 
+TEST(Renderer, StandsVerticesThatAreNoPoints) {
+    Scene scene = cornell();
+    Shape& ball = add_mesh(scene, sphere_mesh(12, {0.3f, 0.1f, 0.3f}, 0.3f, false), 1);
+    Renderer sound(device(), scene);
+    const auto first = static_cast<uint32_t>(ball.mesh.positions.size());
+    constexpr float kInfinity = std::numeric_limits<float>::infinity();
+    for (const float bad : {std::nanf(""), kInfinity, -kInfinity})
+        ball.mesh.positions.push_back({0, bad, 0});
+    for (uint32_t i = 0; i < 60; ++i) ball.mesh.triangles.push_back({i, i + 1, first + i % 3});
+    Renderer renderer(device(), scene);
+    EXPECT_EQ(renderer.dropped_triangles(), 60);
+    const std::vector<std::string> channels{"color", "direct", "variance", "normal"};
+    const Frame expected = render(sound, 24, 24, channels, {.spp = 16}),
+                frame = render(renderer, 24, 24, channels, {.spp = 16});
+    EXPECT_EQ(renderer.dropped_samples(), 0u);
+    for (const std::string& channel : channels) EXPECT_TRUE(same_bits(expected, frame, channel));
+}
+
 TEST(Renderer, RefusesScenesThatItCannotRender) {
     const auto message = [](const Scene& scene) {
         return message_of<InputError>([&] { Renderer(device(), scene); });

@@ -79,6 +79,36 @@ double error_of(const Frame& frame, const std::vector<double>& truth) {
     return sum / static_cast<double>(pixels.size());
 }
 
+TEST(Sobol, EveryNumberAloneIsUniform) {
+    // One sample: what each third of the image gets from the light, over many seeds.
+    constexpr int kSize = 24, kSeeds = 256;
+    Renderer renderer(device(), cornell());
+    const auto third = [&](const Frame& frame, int which) {
+        double sum = 0;
+        for (int y = 0; y < kSize; ++y)
+            for (int x = kSize / 3 * which; x < kSize / 3 * (which + 1); ++x)
+                sum += frame.channel("direct")[static_cast<size_t>(kSize * y + x)];
+        return 3 * sum / (kSize * kSize);
+    };
+    const Frame truth = render(renderer, kSize, kSize, {"direct"},
+                               {.spp = 1 << 15, .sampler = Sampler::kIndependent, .seed = 77});
+    double sum[3] = {}, squares[3] = {};
+    for (uint64_t seed = 0; seed < kSeeds; ++seed) {
+        const Frame frame = render(renderer, kSize, kSize, {"direct"}, {.spp = 1, .seed = seed});
+        for (int which = 0; which < 3; ++which) {
+            const double m = third(frame, which);
+            sum[which] += m;
+            squares[which] += m * m;
+        }
+    }
+    for (int which = 0; which < 3; ++which) {
+        const double m = sum[which] / kSeeds;
+        const double error = std::sqrt((squares[which] / kSeeds - m * m) / (kSeeds - 1));
+        EXPECT_NEAR(m, third(truth, which), 4 * error) << "third " << which;
+        EXPECT_LT(error, 0.02 * m);
+    }
+}
+
 TEST(Sobol, KeepsTheMeanAndHasLessNoise) {
     // A block of the table and less, and more than one block.
     constexpr int kSize = 24;

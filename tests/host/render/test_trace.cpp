@@ -111,6 +111,11 @@ TEST_P(Trace, TreeFindsWhatBruteForceFinds) {
                 if (t < nearest && edge >= 0) nearest = t, nearest_edge = edge;
             }
             const double t = hits[0][i];
+            if (t < kInfinity) {  // the vertex comes from the triangle's weights
+                const Double3 at = rays.origin(i) + rays.direction(i) * t,
+                              p{hits[4][i], hits[5][i], hits[6][i]};
+                ASSERT_LT(length(p - at), 1e-3 * (1 + length(at))) << c.name << " ray " << i;
+            }
             if (t == nearest || std::abs(t - nearest) <= 2e-5 * std::max(1.0, nearest)) continue;
             // Where float and double disagree, the one or the other hit an edge within the rounding
             // of float32.
@@ -213,7 +218,7 @@ TEST(TraceMesh, DropsAndCountsDegenerateTriangles) {
 
 /// Rays from within a closed mesh, the half of them aimed at vertices and edges; returns how many
 /// get out.
-size_t leaks(const Mesh& mesh, Double3 center, double radius, size_t count, uint32_t seed) {
+size_t leaks(const Mesh& mesh, Double3 center, Double3 radii, size_t count, uint32_t seed) {
     Scene scene;
     add_mesh(scene, mesh, add_diffuse(scene, {0.5f, 0.5f, 0.5f}));
     SelfTest test(scene);
@@ -222,7 +227,8 @@ size_t leaks(const Mesh& mesh, Double3 center, double radius, size_t count, uint
     std::uniform_int_distribution<size_t> pick(0, mesh.triangles.size() - 1);
     Rays rays(count);
     for (size_t i = 0; i < count; ++i) {
-        const Double3 o = center + Double3{unit(rng), unit(rng), unit(rng)} * radius;
+        const Double3 o =
+            center + Double3{radii.x * unit(rng), radii.y * unit(rng), radii.z * unit(rng)};
         const Double3 o_rounded = to_double3(to_floats(o));
         const auto& t = mesh.triangles[pick(rng)];
         const Double3 a = to_double3(mesh.positions[t[0]]), b = to_double3(mesh.positions[t[1]]);
@@ -237,13 +243,45 @@ TEST(TraceWatertight, NoRayLeavesAClosedMesh) {
     constexpr size_t kCount = 1 << 19;
     for (double scale : {1e-3, 1.0, 1e5})
         EXPECT_EQ(leaks(sphere_mesh(100, {0, 0, 0}, static_cast<float>(scale), false), {0, 0, 0},
-                        scale, kCount, 41),
+                        Double3{scale, scale, scale}, kCount, 41),
                   0u)
             << scale;
     // Embree's place for this test: coordinates whose rounding is a hundredth of a triangle.
     EXPECT_EQ(leaks(sphere_mesh(100, {148376, 1234, -223423}, 200, false), {148376, 1234, -223423},
-                    200, kCount, 42),
+                    {200, 200, 200}, kCount, 42),
               0u);
+    // Needles: a million times as long as wide.
+    Mesh needles = sphere_mesh(100, {0, 0, 0}, 1, false);
+    for (auto& p : needles.positions) p[0] *= 1e6f;
+    EXPECT_EQ(leaks(needles, {0, 0, 0}, {1e6, 1, 1}, kCount, 43), 0u);
+}
+
+TEST(TraceSmall, TinyTrianglesAreHitWhereTheyAre) {
+    constexpr size_t kTriangles = 8192, kRaysEach = 128, kCount = kTriangles * kRaysEach;
+    const Mesh mesh = random_triangles(static_cast<int>(kTriangles), 1e-4f, 44);
+    Scene scene;
+    add_mesh(scene, mesh, add_diffuse(scene, {0.5f, 0.5f, 0.5f}));
+    SelfTest test(scene);
+    std::mt19937 rng(45);
+    Rays rays(kCount);
+    std::vector<double> distance(kCount);
+    for (size_t i = 0; i < kCount; ++i) {
+        const auto& t = mesh.triangles[i % kTriangles];
+        const Double3 a = to_double3(mesh.positions[t[0]]), b = to_double3(mesh.positions[t[1]]),
+                      c = to_double3(mesh.positions[t[2]]);
+        // Not edge-on: the tiny angle that float32 leaves of a direction would decide.
+        const Double3 n = normalized(cross(b - a, c - a)), middle = (a + b + c) / 3;
+        Double3 d = random_direction(rng);
+        d = normalized(d + n * (dot(d, n) < 0 ? -0.5 : 0.5));
+        rays.set(i, middle - d * 2.0, d);
+        distance[i] = dot(middle - rays.origin(i), d);
+    }
+    const Planes hits = test.trace(rays.planes);
+    size_t wrong = 0;
+    for (size_t i = 0; i < kCount; ++i)  // another one may lie before it
+        wrong += id_of(hits, i) != static_cast<int32_t>(i % kTriangles) &&
+                 !(hits[0][i] < distance[i] - 1e-4);
+    EXPECT_EQ(wrong, 0u);
 }
 
 TEST(TraceSelfHit, NoRayHitsWhatItStartsOn) {
