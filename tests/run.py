@@ -81,7 +81,7 @@ class Part:
 
 def parts_of(options: argparse.Namespace) -> list[Part]:
     """The runners that `options` ask for, in the order of their cost."""
-    marks = "faults" if options.faults else "not faults"
+    marks = "faults" if options.faults else "not faults and not cycles"
     if options.fast:
         marks += " and not slow"
     ctest = ["ctest", "--test-dir", str(BUILD), "--output-on-failure"]

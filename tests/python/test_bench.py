@@ -4,6 +4,8 @@ SPDX-License-Identifier: BSD-3-Clause
 """
 
 import json
+import re
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +14,10 @@ from command import ROOT, pave
 
 from pave.bench import common, subjects
 from pave.bench.command import BENCHES
-from pave.bench.meshes import as_meshes, displaced_sphere
+from pave.bench.cycles import describe
+from pave.bench.meshes import as_meshes, displaced_sphere, with_sphere
 from pave.console import Console
+from pave.errors import InputError
 
 QUICK = ("--quick", "--json", "--rounds", "1")
 CORNELL = ["cornell", "cornell-six", "meshes"]
@@ -29,6 +33,27 @@ load_file = lambda path, size, spp: int(size)
 def render(size, spp, seed):
     return np.random.default_rng(seed).normal(0.5, 0.01, (size, size, 3))
 """
+
+# Stands for a Python with `bpy`; its images are noise around GREY.
+FAKE_CYCLES = f"""#!{sys.executable}
+import json, os, sys
+import numpy as np
+folder, answers, size = sys.argv[3], os.fdopen(int(sys.argv[4]), "w"), 0
+for line in sys.stdin:
+    job = json.loads(line)
+    size = job.get("scene", {{"size": size}})["size"]
+    rng = np.random.default_rng(job.get("seed"))
+    if "save" in job:
+        np.save(os.path.join(folder, job["save"]), rng.normal(GREY, 0.01, (3, size, size)))
+    print(json.dumps({{"version": "0"}}), file=answers, flush=True)
+"""
+
+
+@pytest.fixture
+def no_mitsuba(tmp_path) -> str:
+    """A PYTHONPATH."""
+    (tmp_path / "mitsuba.py").write_text("raise ImportError('not here')")
+    return f"{tmp_path}:{ROOT / 'python'}"
 
 
 def check_schema(records, peer):
@@ -69,11 +94,21 @@ def test_table():
     assert "paths/s" in done.out
 
 
-def test_missing_peer_leaves_paves_figures(tmp_path):
-    (tmp_path / "mitsuba.py").write_text("raise ImportError('not here')")
-    done = pave("bench", "mesh", "--peers", *QUICK, PYTHONPATH=f"{tmp_path}:{ROOT / 'python'}")
+@pytest.mark.parametrize(
+    ("python", "reason"),
+    [
+        (None, "PAVE_BENCH_BPY is not set"),
+        ("/not/there", "No such file or directory: '/not/there'"),
+        ("/bin/true", "/bin/true ended without a word"),
+        (sys.executable, "ended: ModuleNotFoundError: No module named 'bpy'"),
+    ],
+)
+def test_missing_peers_leave_paves_figures(no_mitsuba, python, reason):
+    done = pave("bench", "mesh", "--peers", *QUICK, PYTHONPATH=no_mitsuba, PAVE_BENCH_BPY=python)
     assert done.code == 0, done.err
-    assert [line for line in done.err.splitlines() if "no Mitsuba (not here): get it by" in line]
+    lines = done.err.splitlines()
+    assert [line for line in lines if "no Mitsuba (not here): get it by" in line]
+    assert [line for line in lines if "no Cycles (" in line and f"{reason}): get it by" in line]
     check_schema(done.records, peer=False)
 
 
@@ -85,6 +120,55 @@ def test_wrong_peer_prints_no_number(tmp_path):
     errors = [line for line in done.err.splitlines() if line.startswith("pave: error:")]
     assert len(errors) == 1
     assert "wrong answer, no number" in errors[0]
+
+
+def fake_cycles(folder: Path, grey: float) -> str:
+    program = folder / "python"
+    program.write_text(FAKE_CYCLES.replace("GREY", str(grey)))
+    program.chmod(0o700)
+    return str(program)
+
+
+def test_wrong_cycles_prints_no_number(tmp_path, no_mitsuba):
+    done = pave(
+        "bench", "mesh", "--peers", *QUICK, PYTHONPATH=no_mitsuba,
+        PAVE_BENCH_BPY=fake_cycles(tmp_path, 0.5),
+    )  # fmt: skip
+    assert done.code == 1
+    assert done.out == ""
+    assert "PAVE and Cycles: wrong answer, no number" in done.err
+
+
+@pytest.mark.cycles
+@pytest.mark.parametrize("name", ["cornell", "mesh"])
+def test_beside_cycles(name, no_mitsuba):
+    done = pave("bench", name, "--peers", *QUICK, PYTHONPATH=no_mitsuba)
+    assert done.code == 0, done.err
+    for record in done.records:
+        assert record["peer"].startswith("cycles "), f"{done.err}; rerun: pytest -m cycles"
+        assert record["ratio"] == pytest.approx(record["value"] / record["peer_value"])
+
+
+def test_cycles_gets_the_scene_that_mitsuba_reads(tmp_path: Path):
+    mesh = with_sphere(ROOT / "scenes/cornell.xml", tmp_path, 40)
+    record, arrays = describe(mesh, 32)
+    assert [shape["radiance"] for shape in record["shapes"]] == [[18, 15, 9], *[None] * 6]
+    assert record["shapes"][0]["reflectance"] == [0, 0, 0]
+    assert record["shapes"][4]["reflectance"] == [0.63, 0.065, 0.05]
+    assert (record["size"], record["max_depth"], record["rr_depth"]) == (32, 50, 5)
+    assert np.allclose(np.array(record["world_from_camera"])[:3, 3], [0, 0, 3.9])
+    assert np.allclose(arrays["points0"].mean(0), [0, 0.995, 0])  # the light, which looks down
+    a, b, c = arrays["points0"][arrays["triangles0"][0]]
+    assert np.cross(b - a, c - a)[1] < 0
+    points, triangles, normals = displaced_sphere(40)
+    assert np.array_equal(arrays["triangles6"], triangles)
+    assert np.allclose(arrays["points6"], points, atol=1e-6)
+    assert np.allclose(arrays["normals6"], normals, atol=1e-6)
+    red = '<bsdf type="diffuse" id="red">.*?</bsdf>'
+    mirror = re.sub(red, '<bsdf type="conductor" id="red" />', mesh.read_text(), flags=re.S)
+    mesh.write_text(mirror)
+    with pytest.raises(InputError, match="no conductor for Cycles"):
+        describe(mesh, 32)
 
 
 @pytest.mark.parametrize("factor", [1.2, 0.0, np.nan])

@@ -53,14 +53,14 @@ def test_everything_but_the_fault_loops_runs_by_default(monkeypatch):
     assert list(found) == ["lint", "C++", "Python"]
     assert "-LE" not in found["C++"]
     assert "--no-tests=error" in found["C++"]
-    assert "-m not faults " in found["Python"]
+    assert "-m not faults and not cycles " in found["Python"]
     assert "slow" not in found["Python"]
 
 
 def test_fast_leaves_the_slow_ones_out(monkeypatch):
     found = commands(monkeypatch, "--fast")
     assert "-LE slow" in found["C++"]
-    assert "-m not faults and not slow " in found["Python"]
+    assert "-m not faults and not cycles and not slow " in found["Python"]
 
 
 def test_parts_can_be_chosen(monkeypatch):

@@ -2,7 +2,7 @@
 
 SPDX-License-Identifier: BSD-3-Clause
 
-Mitsuba renders the color alone in every case, also where PAVE fills six buffers.
+Peers render the color alone in every case, also where PAVE fills six buffers.
 """
 
 from __future__ import annotations
@@ -11,17 +11,16 @@ from pathlib import Path
 
 from pave.bench.common import Bench, scene_file, temporary_folder
 from pave.bench.meshes import as_meshes
-from pave.bench.speed import Job, measure
-from pave.bench.subjects import SIX, Mitsuba
+from pave.bench.speed import Job, found_peers, measure
+from pave.bench.subjects import SIX
 
 QUICK_SIZE = 16
 
 
 def run(bench: Bench) -> None:
     size = QUICK_SIZE if bench.options.quick else 256
-    mitsuba = Mitsuba.find(bench)
     path = scene_file("cornell")
-    measure(bench, mitsuba, Job("cornell", path, size))
-    measure(bench, mitsuba, Job("cornell-six", path, size, channels=SIX))
-    with temporary_folder() as folder:
-        measure(bench, mitsuba, Job("meshes", as_meshes(path, Path(folder)), size))
+    with found_peers(bench) as peers, temporary_folder() as folder:
+        measure(bench, peers, Job("cornell", path, size))
+        measure(bench, peers, Job("cornell-six", path, size, channels=SIX))
+        measure(bench, peers, Job("meshes", as_meshes(path, Path(folder)), size))

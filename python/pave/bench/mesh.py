@@ -9,13 +9,11 @@ from pathlib import Path
 
 from pave.bench.common import Bench, scene_file, temporary_folder
 from pave.bench.meshes import with_sphere
-from pave.bench.speed import Job, measure
-from pave.bench.subjects import Mitsuba
+from pave.bench.speed import Job, found_peers, measure
 
 
 def run(bench: Bench) -> None:
     size, segments = (16, 40) if bench.options.quick else (256, 500)
-    mitsuba = Mitsuba.find(bench)
-    with temporary_folder() as folder:
+    with found_peers(bench) as peers, temporary_folder() as folder:
         path = with_sphere(scene_file("cornell"), Path(folder), segments)
-        measure(bench, mitsuba, Job(f"mesh-{segments * segments}", path, size))
+        measure(bench, peers, Job(f"mesh-{segments * segments}", path, size))

@@ -5,6 +5,7 @@ SPDX-License-Identifier: BSD-3-Clause
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from pave.errors import InputError
 
 RECTANGLE = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], dtype=np.float64)
 QUAD = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
+FACE = np.dtype([("count", "u1"), ("corners", "<i4", 3)])  # of a PLY file
 
 
 def write_ply(
@@ -25,11 +27,21 @@ def write_ply(
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
     header += [f"property float {name}" for name in names]
     header += [f"element face {len(triangles)}", "property list uchar int vertex_indices"]
-    faces = np.empty(len(triangles), dtype=[("count", "u1"), ("corners", "<i4", 3)])
+    faces = np.empty(len(triangles), dtype=FACE)
     faces["count"], faces["corners"] = 3, triangles
     with path.open("wb") as file:
         file.write(("\n".join([*header, "end_header"]) + "\n").encode())
         file.write(columns.astype("<f4").tobytes() + faces.tobytes())
+
+
+def read_ply(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """Points, triangles, normals of a file that write_ply wrote."""
+    header, body = path.read_bytes().split(b"end_header\n", 1)
+    names = re.findall(rb"property float (\w+)", header)
+    vertices, faces = (int(n) for n in re.findall(rb"element \w+ (\d+)", header))
+    columns = np.frombuffer(body, "<f4", vertices * len(names)).reshape(vertices, len(names))
+    rows = np.frombuffer(body, FACE, faces, columns.nbytes)
+    return columns[:, :3], rows["corners"], columns[:, 3:] if len(names) > 3 else None
 
 
 def _axis_rotation(attributes: dict[str, str]) -> np.ndarray:
@@ -68,16 +80,21 @@ def cube() -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate(points), np.concatenate(triangles)
 
 
+def as_mesh(path: Path, shape: ET.Element) -> tuple[np.ndarray, np.ndarray]:
+    """A rectangle's or cube's points in the world, and triangles. Raises InputError for others."""
+    if shape.get("type") not in ("cube", "rectangle"):
+        raise InputError(f"{path}: the bench makes no mesh of a {shape.get('type')}")
+    points, triangles = cube() if shape.get("type") == "cube" else (RECTANGLE, QUAD)
+    matrix = to_world(shape)
+    return points @ matrix[:3, :3].T + matrix[:3, 3], triangles
+
+
 def as_meshes(path: Path, folder: Path) -> Path:
     """The scene with every rectangle (2 triangles) and cube (12) as a PLY file. Returns its file."""
     tree = ET.parse(path)
     for number, shape in enumerate(tree.getroot().iter("shape")):
-        points, triangles = cube() if shape.get("type") == "cube" else (RECTANGLE, QUAD)
-        if shape.get("type") not in ("cube", "rectangle"):
-            raise InputError(f"{path}: the bench makes no mesh of a {shape.get('type')}")
-        matrix = to_world(shape)
         name = f"shape{number}.ply"
-        write_ply(folder / name, points @ matrix[:3, :3].T + matrix[:3, 3], triangles)
+        write_ply(folder / name, *as_mesh(path, shape))
         for transform in shape.findall("transform"):
             shape.remove(transform)
         make_ply_shape(shape, name)

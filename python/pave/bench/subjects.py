@@ -43,6 +43,8 @@ class Pave:
 class Mitsuba:
     """The same file in Mitsuba. Make it with `Mitsuba.find`."""
 
+    name, label = "Mitsuba", MITSUBA
+
     def __init__(self, module: Any) -> None:
         self.module = module
 
