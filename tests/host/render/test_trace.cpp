@@ -233,7 +233,11 @@ size_t leaks(const Mesh& mesh, Double3 center, Double3 radii, size_t count, uint
         const auto& t = mesh.triangles[pick(rng)];
         const Double3 a = to_double3(mesh.positions[t[0]]), b = to_double3(mesh.positions[t[1]]);
         const Double3 aim = i % 4 == 0 ? a : a + (b - a) * (unit(rng) + 0.5);
-        rays.set(i, o, i % 2 == 0 ? normalized(aim - o_rounded) : random_direction(rng));
+        // Stretched as the mesh is: rays across needles end within the rounding of their length.
+        const Double3 d = random_direction(rng);
+        rays.set(i, o,
+                 normalized(i % 2 == 0 ? aim - o_rounded
+                                       : Double3{radii.x * d.x, radii.y * d.y, radii.z * d.z}));
     }
     const Planes hits = test.trace(rays.planes);
     return static_cast<size_t>(std::count(hits[0].begin(), hits[0].end(), kInfinity));
